@@ -83,7 +83,7 @@ _CASES: Cases = []
 def main() -> int:
     """Vary each number, and print what changes."""
     parser = argparse.ArgumentParser(description='Sensitivity to the numbers of the package.')
-    parser.add_argument('folder', help='folder of cases and results')
+    parser.add_argument('folder', help='folder of results')
     parser.add_argument('--rooms', default=','.join(ROOMS))
     parser.add_argument('--only', default='', help='regular expression of names of numbers')
     parser.add_argument('--cases', default='panda.401,kinova.400,xarm7.401,talos.400',
@@ -93,11 +93,10 @@ def main() -> int:
     parser.add_argument('--jobs', type=int, default=1, help='processes (default: %(default)s)')
     args = parser.parse_args()
     folder = Path(args.folder)
-    (folder / 'cases').mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for index, name in enumerate(args.cases.split(',')):
         arm, seed = name.split('.')
-        _CASES.append((part(arm, int(seed), args.joints, args.seconds, folder / 'cases'),
-                       bool(index % 2)))
+        _CASES.append((part(arm, int(seed), args.joints, args.seconds), bool(index % 2)))
     tasks = [(number, factor) for room in args.rooms.split(',') for number in numbers(room)
              if re.search(args.only, str(number)) for factor in FACTORS]
     unchanged = outcomes()
@@ -112,11 +111,11 @@ def main() -> int:
     return 0
 
 
-def part(arm: str, seed: int, joints: int, seconds: float, folder: Path) -> Case:
+def part(arm: str, seed: int, joints: int, seconds: float) -> Case:
     """Return a case of an arm with its first joints, and the first part of its training runs."""
     name, source = f'{arm}-{joints}', SOURCES[arm]
     SOURCES[name] = replace(source, joints=source.joints[:joints])
-    whole = case(name, seed, folder)
+    whole = case(name, seed)
     return replace(whole, train=tuple(Run(*(x[run.t < run.t[0] + seconds] for x in (
         run.t, run.q, run.qd, run.tau))) for run in whole.train))
 

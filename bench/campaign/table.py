@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.campaign.score import Score, score
 from bench.cases.cases import Case
-from bench.shared.markdown import table
+from bench.shared.stored import table
 import numpy as np
 
 # Required results of the diagnosis: shares, and the ratio of held-out errors.

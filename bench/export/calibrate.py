@@ -13,12 +13,11 @@ motion fills a box of 0.7 to 1.2 rad, or with --wide 90 % of the joint limits, a
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 import sys
-from zlib import crc32
 
 from bench.real_robots.arms import arm_of, SOURCES, urdf
-from bench.real_robots.cases import _box, _motion, recorded, scales
-from bench.real_robots.laws import gear_friction, Site
+from bench.real_robots.cases import generator, Setting
 from gravity_comp_ros.calibration.known_weight import (
     calibrate, CalibrationOptions, Weight, WeightCalibration)
 from gravity_comp_ros.data.gate import GateOptions, slow_samples
@@ -36,24 +35,21 @@ RATE = GateOptions(rate_hz=None)
 def trial(name: str, seed: int, is_known: bool,
           is_wide: bool, is_same: bool) -> tuple[WeightCalibration, FloatArray]:
     """Return the calibration of one case, and the true N·m per unit (N,)."""
-    rng = np.random.default_rng([seed, crc32(name.encode()), 11])
+    rng = generator(name, seed, 11)
     text, joints = urdf(name), SOURCES[name].joints
     arm = arm_of(text)
-    scale, _ = scales(arm)
-    noise = rng.uniform(0.001, 0.002, arm.n_joints) * scale
-    low, high = _box(arm, rng)
+    setting = Setting.drawn(arm, rng)
     if is_wide:
-        low, high = 0.9 * np.maximum(arm.lower, -2.2), 0.9 * np.minimum(arm.upper, 2.2)
+        setting = replace(setting, low=0.9 * np.maximum(arm.lower, -2.2),
+                          high=0.9 * np.minimum(arm.upper, 2.2))
     total = sum(body.mass for body in arm.model.inertias)
     centre = rng.uniform(-0.06, 0.06, 3)
     mass = max(0.2, rng.uniform(0.05, 0.15) * total)
-    friction = tuple(gear_friction(Site(j, float(scale[j]), float(low[j]), float(high[j]),
-                                        float(arm.lower[j]), float(arm.upper[j])), rng)
-                     for j in range(arm.n_joints)) if rng.random() < 2 / 3 else ()
+    friction = setting.friction()
     constants = rng.uniform(0.7, 1.3, arm.n_joints)
     parts = []
     for one in (arm, with_payload(arm, Payload(mass, tuple(centre)))):
-        run = recorded(one, _motion(arm, low, high, rng), friction, noise, rng)
+        run = setting.run(friction, arm=one)
         parts.append(slow_samples(JointSamples.single_run(
             joints, run.t, run.q, run.qd, run.tau / constants), RATE).samples)
     described = described_arm(text, joints)

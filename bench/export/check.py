@@ -19,11 +19,9 @@ from dataclasses import dataclass
 import sys
 import time
 from xml.etree import ElementTree
-from zlib import crc32
 
 from bench.real_robots.arms import arm_of, SOURCES, urdf
-from bench.real_robots.cases import _box, _motion, recorded, scales
-from bench.real_robots.laws import gear_friction, Site
+from bench.real_robots.cases import generator, Setting
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.description.links import described_arm
@@ -113,7 +111,7 @@ def checked(text: str, samples: JointSamples) -> DescriptionCheck:
 
 def trial(name: str, seed: int) -> list[Outcome]:
     """Return the outcomes of one case: with a fault, and without."""
-    rng = np.random.default_rng([seed, crc32(name.encode()), 7])
+    rng = generator(name, seed, 7)
     own = urdf(name)
     kind = KINDS[(seed + list(SOURCES).index(name)) % len(KINDS)]
     for _ in range(100):
@@ -122,19 +120,14 @@ def trial(name: str, seed: int) -> list[Outcome]:
         described, subject = with_fault(own, kind, joint, rng)
         if kind == 'body':
             subject = SOURCES[name].joints[-1]
-        arm = arm_of(true)
-        scale, _ = scales(arm)
-        noise = rng.uniform(0.001, 0.002, arm.n_joints) * scale
-        low, high = _box(arm, rng)
-        motions = [_motion(arm, low, high, rng) for _ in range(2)]
+        setting = Setting.drawn(arm_of(true), rng)
+        motions = [setting.motion() for _ in range(2)]
         q = np.concatenate([motion.q[::25] for motion in motions])
-        change = gravity_torque(arm, q) - gravity_torque(arm_of(described), q)
-        if (change.std(axis=0) / noise).max() >= VISIBLE:
+        change = gravity_torque(setting.arm, q) - gravity_torque(arm_of(described), q)
+        if (change.std(axis=0) / setting.noise).max() >= VISIBLE:
             break
-    friction = tuple(gear_friction(Site(j, float(scale[j]), float(low[j]), float(high[j]),
-                                        float(arm.lower[j]), float(arm.upper[j])), rng)
-                     for j in range(arm.n_joints)) if rng.random() < 2 / 3 else ()
-    runs = [recorded(arm, motion, friction, noise, rng) for motion in motions]
+    friction = setting.friction()
+    runs = [setting.run(friction, motion) for motion in motions]
     samples = _joined(runs, SOURCES[name].joints)
     outcomes = []
     for text, fault, of in ((described, kind, subject), (true, 'none', '')):

@@ -8,7 +8,7 @@ from bench.paper.friction import Check
 from bench.paper.recordings import RecordingResult
 from bench.paper.scenes import FloatArray
 from bench.paper.score import Row
-from bench.shared.markdown import table
+from bench.shared.stored import table
 import numpy as np
 
 PAPER_3 = ('Yu 2022, Table 3', '246, 76, 171', '0.28 to 0.44 a joint', '0.43, 0.48, 0.57',

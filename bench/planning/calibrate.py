@@ -20,7 +20,7 @@ from typing import Any
 
 from bench.planning.poor import RATE
 from bench.planning.scenes import MORE_SECONDS, Scene, slow_sines
-from bench.shared import markdown
+from bench.shared import stored
 from bench.shared.serial_arms import geometry_of
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import GravityCompError
@@ -128,9 +128,9 @@ def table(results: list[dict[str, Any]]) -> str:
                             f'{rate:.0%}'))
     return '\n'.join([
         f'{len(results) - len(done)} cases without a plan',
-        markdown.table(('recording', 'cases', 'resolved before', 'stated', 'planned', 'random'),
+        stored.table(('recording', 'cases', 'resolved before', 'stated', 'planned', 'random'),
                        rows), '',
-        markdown.table(('stated chance', 'cases', 'mean stated', 'resolved'), chances)])
+        stored.table(('stated chance', 'cases', 'mean stated', 'resolved'), chances)])
 
 
 if __name__ == '__main__':

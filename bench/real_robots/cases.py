@@ -23,20 +23,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-import hashlib
-import json
-from pathlib import Path
-from zipfile import BadZipFile
 from zlib import crc32
 
 from bench.real_robots.arms import arm_of, urdf
 from bench.real_robots.laws import (
-    gear_friction, Hidden, Known, level_of, MAKERS, packed, Site, unpacked, with_one_level)
-from gravity_comp_ros.atomic import replacing
+    gear_friction, Hidden, Known, level_of, MAKERS, Site, with_one_level)
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
-from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.simulation import arms as simulated
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import Friction, JointFriction
 from gravity_comp_ros.simulation.motions import Motion, multisine, MultisineOptions
@@ -70,7 +62,7 @@ class Run:
 @dataclass(frozen=True, eq=False)
 class Case:
     """
-    One case; `train` are two runs, `unseen` is a third one.
+    One case; `train` are two runs, `unseen` is a third one, `motions` are exact.
 
     `joints` are the N names, base first; `noise` and `scale` (N,) in N·m; `largest` the largest
     gravity torque of the arm within its limits, N·m. `friction` is that of every joint, empty in
@@ -82,6 +74,7 @@ class Case:
     seed: int
     urdf: str
     joints: tuple[str, ...]
+    motions: tuple[Motion, ...]
     train: tuple[Run, ...]
     unseen: Run
     hidden: tuple[Hidden, ...]
@@ -123,66 +116,86 @@ class Case:
         return tau + np.minimum(slack, 0.0), tau + np.maximum(slack, 0.0)
 
 
-def case(arm: str, seed: int, folder: Path | None = None) -> Case:
+@dataclass(frozen=True, eq=False)
+class Setting:
     """
-    Return a case; with a folder it is read from `ARM.SEED.npz` there, or written to it.
+    What the runs of a case have in common: the arm, its noise, and its box of poses.
 
-    A file that other code has made is replaced.
+    `scale` and `noise` (N,) and `largest`, the largest gravity torque of the arm, in N·m; `low`
+    and `high` (N,) in rad. `rng` is the source of all that is drawn after it.
+    """
+
+    arm: Arm
+    rng: np.random.Generator
+    scale: FloatArray
+    largest: float
+    noise: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    @staticmethod
+    def drawn(arm: Arm, rng: np.random.Generator) -> Setting:
+        """Return a random setting of an arm."""
+        scale, largest = scales(arm)
+        noise = rng.uniform(0.001, 0.002, arm.n_joints) * scale
+        width = np.minimum(rng.uniform(*_WIDTH, arm.n_joints), 0.95 * (arm.upper - arm.lower))
+        low = rng.uniform(arm.lower, arm.upper - width)
+        return Setting(arm, rng, scale, largest, noise, low, low + width)
+
+    def sites(self) -> list[Site]:
+        """Return the joints with their scales and boxes of poses."""
+        return [Site(j, *map(float, row)) for j, row in enumerate(zip(
+            self.scale, self.low, self.high, self.arm.lower, self.arm.upper))]
+
+    def friction(self) -> tuple[Friction, ...]:
+        """Return LuGre friction on every joint in two of three cases."""
+        if self.rng.random() >= 2 / 3:
+            return ()
+        return tuple(gear_friction(site, self.rng) for site in self.sites())
+
+    def motion(self) -> Motion:
+        """Return slow motion of one run within the box of poses."""
+        return multisine(self.low, self.high, self.arm.max_speed,
+                         int(self.rng.integers(2 ** 31)),
+                         MultisineOptions(MAX_SPEED, DURATION, _BAND, _SINES), DURATION, RATE)
+
+    def run(self, laws: Sequence[Disturbance], motion: Motion | None = None,
+            arm: Arm | None = None) -> Run:
+        """Return a run in a motion, a drawn one if not given, of this arm or of a changed one."""
+        motion = self.motion() if motion is None else motion
+        return recorded(arm or self.arm, motion, laws, self.noise, self.rng)
+
+
+def generator(name: str, seed: int, *salt: int) -> np.random.Generator:
+    """Return the random numbers of an arm and a seed; each bench has its own salt."""
+    return np.random.default_rng([seed, crc32(name.encode()), *salt])
+
+
+def case(name: str, seed: int) -> Case:
+    """
+    Return the case of an arm and a seed.
 
     :raises OptionError: if there is no such arm, or the descriptions are not installed.
     """
-    path = None if folder is None else folder / f'{arm}.{seed}.npz'
-    if path is not None and path.is_file() and _code_of(path) == _code():
-        return load(path)
-    out, _ = drawn_case(arm, seed)
-    if path is not None:
-        save(out, path)
-    return out
-
-
-@cache
-def _code() -> str:
-    """Return a hash of the code that makes cases."""
-    simulation = Path(simulated.__file__).parent
-    files = [Path(__file__).with_name(f'{name}.py') for name in ('arms', 'cases', 'laws')]
-    digest = hashlib.sha256()
-    for path in (*files, *sorted(simulation.rglob('*.py'))):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def _code_of(path: Path) -> str:
-    """Return the hash in a file of a case, '' if it is damaged."""
-    try:
-        with np.load(path) as data:
-            return str(data['code'])
-    except (OSError, ValueError, KeyError, BadZipFile):
-        return ''
-
-
-def drawn_case(name: str, seed: int) -> tuple[Case, list[Motion]]:
-    """Return a case and its three exact motions."""
-    description = urdf(name)
-    arm = arm_of(description)
-    rng = np.random.default_rng([seed, crc32(name.encode())])
-    scale, largest = scales(arm)
-    noise = rng.uniform(0.001, 0.002, arm.n_joints) * scale
-    low, high = box_of(arm, rng)
-    motions = [motion_in(arm, low, high, rng) for _ in range(3)]
-    sites = sites_in(arm, scale, low, high)
-    friction = drawn_friction(sites, rng)
-    hidden, visible = _hidden(arm, motions[:2], sites, noise, bool(friction), rng)
+    rng = generator(name, seed)
+    one = Setting.drawn(arm_of(urdf(name)), rng)
+    motions = tuple(one.motion() for _ in range(3))
+    friction = one.friction()
+    hidden, visible = _hidden(one, motions[:2], bool(friction))
     # Friction of a hidden law replaces that of the gear.
-    replaced = {one.joint for one in hidden if isinstance(one.law, Friction)}
-    friction = tuple(one for one in friction if one.joint not in replaced)
+    replaced = {effect.joint for effect in hidden if isinstance(effect.law, Friction)}
+    friction = tuple(law for law in friction if law.joint not in replaced)
     # Friction first: a gain acts on the torque that the sensor measures.
-    laws = [*friction, *(one.law for one in hidden)]
-    runs = [recorded(arm, motion, laws, noise, rng) for motion in motions]
-    q = np.concatenate([run.q for run in runs[:2]])
-    poses = rng.uniform(q.min(axis=0), q.max(axis=0), (_POSES, arm.n_joints))
-    out = Case(name, seed, description, arm.joints, tuple(runs[:2]), runs[2], hidden, friction,
-               visible, noise, scale, largest, poses)
-    return out, motions
+    laws = [*friction, *(effect.law for effect in hidden)]
+    runs = tuple(one.run(laws, motion) for motion in motions)
+    return Case(name, seed, urdf(name), one.arm.joints, motions, runs[:2], runs[2], hidden,
+                friction, visible, one.noise, one.scale, one.largest, trained(runs[:2], rng))
+
+
+def trained(runs: Sequence[Run], rng: np.random.Generator) -> FloatArray:
+    """Return random poses (K, N) in rad within those of runs."""
+    q = np.concatenate([run.q for run in runs])
+    return rng.uniform(q.min(axis=0), q.max(axis=0), (_POSES, q.shape[1]))
 
 
 def scales(arm: Arm) -> tuple[FloatArray, float]:
@@ -190,30 +203,6 @@ def scales(arm: Arm) -> tuple[FloatArray, float]:
     poses = np.random.default_rng(0).uniform(arm.lower, arm.upper, (500, arm.n_joints))
     size = np.abs(gravity_torque(arm, poses)).max(axis=0)
     return np.maximum(size, 0.1 * size.max()), float(size.max())
-
-
-def sites_in(arm: Arm, scale: FloatArray, low: FloatArray, high: FloatArray) -> list[Site]:
-    """Return the joints of an arm with their scales (N,), N·m, and boxes of poses (N,), rad."""
-    return [Site(j, float(scale[j]), float(low[j]), float(high[j]), float(arm.lower[j]),
-                 float(arm.upper[j])) for j in range(arm.n_joints)]
-
-
-def drawn_friction(sites: list[Site], rng: np.random.Generator) -> tuple[Friction, ...]:
-    """Return LuGre friction on every joint in two of three cases."""
-    return tuple(gear_friction(site, rng) for site in sites) if rng.random() < 2 / 3 else ()
-
-
-def box_of(arm: Arm, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return the limits (N,) in rad of the poses of a case."""
-    width = np.minimum(rng.uniform(*_WIDTH, arm.n_joints), 0.95 * (arm.upper - arm.lower))
-    low = rng.uniform(arm.lower, arm.upper - width)
-    return low, low + width
-
-
-def motion_in(arm: Arm, low: FloatArray, high: FloatArray, rng: np.random.Generator) -> Motion:
-    """Return slow motion of one run within the limits (N,) in rad."""
-    options = MultisineOptions(MAX_SPEED, DURATION, _BAND, _SINES)
-    return multisine(low, high, arm.max_speed, int(rng.integers(2 ** 31)), options, DURATION, RATE)
 
 
 def recorded(arm: Arm, motion: Motion, laws: Sequence[Disturbance], noise: FloatArray,
@@ -226,10 +215,10 @@ def recorded(arm: Arm, motion: Motion, laws: Sequence[Disturbance], noise: Float
                exact.tau + noise * rng.standard_normal(shape))
 
 
-def _hidden(arm: Arm, motions: list[Motion], sites: list[Site], noise: FloatArray,
-            friction: bool, rng: np.random.Generator
+def _hidden(setting: Setting, motions: Sequence[Motion], friction: bool
             ) -> tuple[tuple[Hidden, ...], tuple[float, ...]]:
     """Return one or two effects on different joints, and how visible each is."""
+    arm, noise, rng, sites = setting.arm, setting.noise, setting.rng, setting.sites()
     makers = MAKERS[:-1] if friction else MAKERS
     sparse = [_every(motion, 10) for motion in motions]
     basis = np.concatenate([regressor(arm, motion) for motion in sparse]) / noise[:, None]
@@ -249,7 +238,7 @@ def _hidden(arm: Arm, motions: list[Motion], sites: list[Site], noise: FloatArra
 
 
 def beyond(arm: Arm, motions: list[Motion], one: Hidden, basis: FloatArray,
-            noise: FloatArray) -> float:
+           noise: FloatArray) -> float:
     """
     Return the rms of an effect beyond rigid-body dynamics and friction, in noise levels.
 
@@ -284,27 +273,3 @@ def regressor(arm: Arm, motion: Motion) -> FloatArray:
     data = arm.model.createData()
     return np.array([pin.computeJointTorqueRegressor(arm.model, data, *row)
                      for row in zip(motion.q, motion.qd, motion.qdd)])
-
-
-def save(one: Case, path: Path) -> None:
-    """Write a case to an npz file."""
-    runs = {f'{key}_{k}': getattr(run, key) for k, run in enumerate((*one.train, one.unseen))
-            for key in ('t', 'q', 'qd', 'tau')}
-    about = {'arm': one.arm, 'seed': one.seed, 'urdf': one.urdf, 'joints': one.joints,
-             'hidden': packed(one.hidden), 'friction': packed(one.friction),
-             'visible': one.visible, 'largest': one.largest}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path, GravityCompError) as temporary, temporary.open('wb') as stream:
-        np.savez_compressed(stream, about=json.dumps(about), code=_code(), noise=one.noise,
-                            scale=one.scale, poses=one.poses, **runs)
-
-
-def load(path: Path) -> Case:
-    """Return the case of an npz file."""
-    with np.load(path) as data:
-        about = json.loads(str(data['about']))
-        runs = [Run(*(data[f'{key}_{k}'] for key in ('t', 'q', 'qd', 'tau'))) for k in range(3)]
-        return Case(about['arm'], about['seed'], about['urdf'], tuple(about['joints']),
-                    tuple(runs[:2]), runs[2], unpacked(about['hidden']),
-                    unpacked(about['friction']), tuple(about['visible']), data['noise'],
-                    data['scale'], about['largest'], data['poses'])

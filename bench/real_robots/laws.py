@@ -9,7 +9,7 @@ computed by the library of effects.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from bench.cases.cases import Pair
@@ -193,24 +193,3 @@ def _hidden(effect: str, law: Any, equivalents: tuple[str, ...] = (),
 
 def _log(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-_CLASSES: dict[str, type] = {kind.__name__: kind for kind in (
-    ClockSpring, GaugeOffset, GaugeGain, LoadFriction, Friction, LuGre, Cogging, DressPack,
-    Hidden, Known)}
-
-
-def packed(value: Any) -> Any:
-    """Return a law, a hidden effect or a known coefficient as JSON."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {'is': type(value).__name__,
-                **{f.name: packed(getattr(value, f.name)) for f in fields(value)}}
-    return [packed(x) for x in value] if isinstance(value, tuple) else value
-
-
-def unpacked(value: Any) -> Any:
-    """Return the object of a result of `packed`."""
-    if isinstance(value, dict):
-        inner = {name: unpacked(x) for name, x in value.items() if name != 'is'}
-        return _CLASSES[value['is']](**inner)
-    return tuple(unpacked(x) for x in value) if isinstance(value, list) else value

@@ -7,9 +7,9 @@ Run from the root of the repository:
     python -m bench.real_robots.run results/ --seeds 300-304 --described --oracle
     python -m bench.real_robots.run results/ --seeds 400 --arms panda,ur5
 
-A case is an arm of `arms.SOURCES` and a seed (`cases`). The folder stores the recordings of every
-case (`cases/ARM.SEED.npz`), its result, and the table. A stopped run resumes; results of older
-code are computed again unless --keep is given.
+A case is an arm of `arms.SOURCES` and a seed (`cases`). The folder stores the result of every case
+and the table. A stopped run resumes; results of older code are computed again unless --keep is
+given.
 
 Seeds 333 to 399 are for judging: no tuning on them, and no look at their single cases before the
 code is final. Seeds 328 to 332 were judged, those from 300 to 327 looked at: they and those from
@@ -28,11 +28,10 @@ A case is right if
   0.5 % of the arm's largest gravity torque (rms, worst joint). A friction law that is larger in
   one direction allows any constant between zero and half the difference.
 
-The table also counts the cases right within 2.5 times the noise and 2 %, those right if with LuGre
-friction 1.25 times the error of an oracle is enough (--oracle), and how many published 95 %
-intervals cover the true coefficient. The oracle is a fit of this package that is given the
-description and the true effects; its error is as bad as the laws of the library, so this count is
-lenient.
+The table also counts the cases right if with LuGre friction 1.25 times the error of an oracle is
+enough (--oracle), and the published 95 % intervals that cover the true coefficient. The oracle is
+a fit of this package that is given the description and the true effects; its error is as bad as
+the laws of the library, so this count is lenient.
 """
 
 from __future__ import annotations
@@ -45,8 +44,7 @@ from typing import Any
 from bench.real_robots.arms import descriptions, PACKAGE, SOURCES
 from bench.real_robots.cases import case
 from bench.real_robots.product import loop, oracle
-from bench.real_robots.score import error_ratios, score
-from bench.real_robots.table import table
+from bench.real_robots.score import error_ratios, score, table
 from bench.shared.stored import fingerprint, load, run
 import gravity_comp_ros as gc
 from gravity_comp_ros.atomic import write_atomically
@@ -59,7 +57,7 @@ def main() -> int:
     """Judge the cases without a result, and print the table of all requested ones."""
     args = parser().parse_args()
     folder, code = Path(args.folder), fingerprint(Path(__file__).parent)
-    (folder / 'cases').mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     tasks: list[Task] = [(arm, seed, args.described, args.oracle, folder)
                          for seed in args.seeds for arm in args.arms]
     missing = []
@@ -80,7 +78,7 @@ def main() -> int:
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     out = argparse.ArgumentParser(description='Loops on descriptions of real robots.')
-    out.add_argument('folder', help='folder of cases and results')
+    out.add_argument('folder', help='folder of results')
     out.add_argument('--seeds', type=seeds, default='400', help='e.g. 400 or 300-304,401')
     out.add_argument('--arms', type=arm_names, default=','.join(SOURCES),
                      help=f'(default: {",".join(SOURCES)})')
@@ -114,8 +112,8 @@ def seeds(text: str) -> list[int]:
 
 def judged(task: Task) -> tuple[Task, dict[str, Any]]:
     """Return the result of a case."""
-    arm, seed, described, with_oracle, folder = task
-    one = case(arm, seed, folder / 'cases')
+    arm, seed, described, with_oracle, _ = task
+    one = case(arm, seed)
     about = {'case': one.name, 'described': described, 'lugre': bool(one.friction),
              'hidden': [f'{h.effect}:{h.joint + 1}' for h in one.hidden],
              'visible': one.visible}
@@ -123,8 +121,7 @@ def judged(task: Task) -> tuple[Task, dict[str, Any]]:
         outcome = loop(one, described)
     except gc.GravityCompError as problem:
         reason = (f'failed: {problem}',)
-        return task, {**about, 'why': reason, 'why_oracle': reason, 'why_loose': reason,
-                      'no_oracle': 'failed'}
+        return task, {**about, 'why': reason, 'why_oracle': reason, 'no_oracle': 'failed'}
     best, tried = None, {}
     if with_oracle:
         try:

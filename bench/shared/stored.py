@@ -1,4 +1,4 @@
-"""Results of single cases in the files of a folder, so that a stopped run resumes."""
+"""Results of single cases in the files of a folder, so that a stopped run resumes; tables."""
 
 from __future__ import annotations
 
@@ -21,6 +21,17 @@ _ROOMS = ('api', 'data', 'diagnosis', 'effects', 'estimation', 'evaluation', 'mo
           'regression', 'simulation')
 Task = TypeVar('Task')
 Result = dict[str, Any]
+
+
+def table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    """Return a Markdown table from the titles of its columns and the cells of its rows."""
+    first, *others = map(row_of, (head, *rows))
+    return '\n'.join([first, f'|{"---|" * len(head)}', *others])
+
+
+def row_of(cells: Iterable[object]) -> str:
+    """Return a row of a Markdown table."""
+    return f'| {" | ".join(map(str, cells))} |'
 
 
 def fingerprint(*more: Path) -> str:

@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 import re
 
-from bench.shared import markdown
+from bench.shared import stored
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / 'docs' / 'performance.md'
@@ -34,7 +34,7 @@ def solvers(parts: list[list[dict]]) -> str:
     built = parts[0][0]['build']
     matrix, halves = (f'{seconds(built[part]["seconds"])} and {built[part]["megabytes"]:.0f} MB'
                       for part in ('matrix', 'halves'))
-    return markdown.table(
+    return stored.table(
         ('solver', 'joints', 'time', 'relative to ours', 'iterations', 'gap', 'memory'),
         rows.values()) + (
             f'\n\nConstruction comes before: the matrix of the others takes {matrix} a joint, '
@@ -42,7 +42,7 @@ def solvers(parts: list[list[dict]]) -> str:
 
 
 def growth(rows: list[dict]) -> str:
-    return markdown.table(
+    return stored.table(
         ('joints', 'features', 'L1 problem', 'whole fit of the joint, memory', 'dense matrix'),
         [(row['joints'], row['features'], seconds(row['seconds']),
           f'{seconds(row["fit_seconds"])}, {row["megabytes"]:.0f} MB',

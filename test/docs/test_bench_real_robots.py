@@ -3,11 +3,9 @@
 from dataclasses import replace
 
 from bench.real_robots import arms
-from bench.real_robots.cases import (
-    case, Case, drawn_case, load, regressor, save)
-from bench.real_robots.laws import Hidden, Known, packed
-from bench.real_robots.score import error_ratios, score
-from bench.real_robots.table import table
+from bench.real_robots.cases import case, Case, regressor
+from bench.real_robots.laws import Hidden, Known
+from bench.real_robots.score import error_ratios, score, table
 from bench.shared.campaign import campaign
 from gravity_comp_ros.simulation.arms import gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
@@ -60,7 +58,8 @@ def test_the_chain_has_the_gravity_of_the_whole_robot(name):
 
 @pytest.mark.parametrize('name', ['so101', *campaign('kinova')])
 def test_least_squares_with_the_exact_laws_leaves_the_noise(name):
-    one, motions = drawn_case(name, 400)
+    one = case(name, 400)
+    motions = one.motions
     arm = arms.arm_of(one.urdf)
     laws = [*one.friction, *(hidden.law for hidden in one.hidden)]
 
@@ -74,15 +73,6 @@ def test_least_squares_with_the_exact_laws_leaves_the_noise(name):
     b = np.concatenate([run.tau for run in one.train]) / one.noise
     x = np.linalg.lstsq(a.reshape(-1, a.shape[2]), b.ravel(), rcond=1e-9)[0]
     np.testing.assert_allclose(error_ratios(one, columns(motions[2]) @ x), 1.0, atol=0.05)
-
-
-def test_a_saved_case_is_read_unchanged(drawn, tmp_path):
-    save(drawn, tmp_path / 'case.npz')
-    again = load(tmp_path / 'case.npz')
-    assert packed(again.hidden) == packed(drawn.hidden) and again.joints == drawn.joints
-    assert again.hidden == drawn.hidden and again.friction == drawn.friction
-    np.testing.assert_array_equal(again.unseen.tau, drawn.unseen.tau)
-    np.testing.assert_allclose(again.static(again.poses), drawn.static(drawn.poses))
 
 
 def test_true_static_torque_includes_static_effects_and_either_end_of_slack(drawn):
@@ -102,7 +92,7 @@ def test_a_perfect_answer_is_right(drawn):
     torque = one.unseen.tau + one.noise * np.where(np.arange(4500) % 2, 1.0, -1.0)[:, None]
     result = score(one, [finding('torque_offset', one.joints[1])], torque,
                    one.static(one.poses)[0])
-    assert result.why == result.why_loose == () and result.tied == ()
+    assert result.why == () and result.tied == ()
     assert result.error == pytest.approx(1.0) and result.static == 0.0
     (interval,) = result.intervals
     assert interval.covers and interval.true == (0.5, 0.5)
@@ -117,9 +107,7 @@ def test_each_fault_of_an_answer_is_named(drawn):
     result = score(one, [finding('joint_spring', one.joints[0], 'likely')], torque, static)
     assert result.why == ('missed torque_offset:2', 'false joint_spring:1 (likely)',
                           'error 2.00 x noise', 'static 1.00 %')
-    assert result.why_loose == result.why[:2]
     assert (result.error_joint, result.static_joint) == (4, 3)
-    assert result.static_max == pytest.approx(0.01)
 
 
 def test_an_alternative_counts_as_tied_and_not_as_false(drawn):
@@ -175,10 +163,9 @@ def test_the_table_counts_and_names_the_worst_case(drawn):
                                                one.static(one.poses)[0],
                                                one.unseen.tau + one.noise).to_json()}
                for name, far in (('near', 1.0), ('far', 3.0))]
-    failed = {'case': 'broken', 'why': ['failed'], 'why_oracle': ['failed'],
-              'why_loose': ['failed']}
+    failed = {'case': 'broken', 'why': ['failed'], 'why_oracle': ['failed']}
     text = table([*results, failed])
-    assert '1 of 3 right;' in text and 'within 2.5 x noise and 2 %: 1 of 3.' in text
+    assert '1 of 3 right;' in text
     assert 'at most (far, joint ' in text and '| broken |' in text
     assert '2.00 x oracle in the median, 3.00 x oracle at most (far' in text
     assert '2 of 2 published 95 % intervals cover: torque_offset 2 of 2.' in text

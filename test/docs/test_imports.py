@@ -3,6 +3,7 @@
 import ast
 from functools import cache
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 import re
 import subprocess
@@ -156,3 +157,12 @@ def compared_by_value(path: Path) -> list[str]:
 def test_dataclasses_with_arrays_do_not_compare_by_value():
     assert not [name for path in MODULES if room(path) in WITH_ARRAYS
                 for name in compared_by_value(path)]
+
+
+@pytest.mark.parametrize('path', sorted((ROOT / 'bench').rglob('*.py')),
+                         ids=lambda path: path.stem)
+def test_benches_import(path):
+    try:
+        import_module('.'.join(path.relative_to(ROOT).with_suffix('').parts))
+    except ModuleNotFoundError as missing:
+        assert missing.name.partition('.')[0] not in ('bench', PACKAGE), missing
