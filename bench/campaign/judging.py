@@ -7,17 +7,23 @@ may name the viscous friction, which is present as well.
 
 from __future__ import annotations
 
-from bench.cases.case_list import bristles, coulomb, offset
+from collections.abc import Callable
+
 from bench.cases.cases import ARMS, Case, Pair, Truth
-from bench.cases.drawn import draws
 from bench.cases.signals import (
     Degradation, FilteredTorque, LostMessages, NoVelocity, SteppedTorque)
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque
-from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre, ThermalFriction
-from gravity_comp_ros.simulation.disturbances.signals import GaugeDrift
+from gravity_comp_ros.simulation.disturbances.friction import (
+    Friction, LoadFriction, LuGre, ThermalFriction)
+from gravity_comp_ros.simulation.disturbances.joint_torque import Cogging, DressPack
+from gravity_comp_ros.simulation.disturbances.signals import GaugeDrift, GaugeOffset
 from gravity_comp_ros.simulation.hidden import noise_levels
+from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np
+
+Draw = tuple[Disturbance, Truth, frozenset[Pair]]
+Maker = Callable[[int, float, np.random.Generator], Draw]
 
 KINDS = ('friction', 'one_beside', 'two_beside', 'three_beside', 'lost', 'filtered', 'stepped',
          'no_velocity', 'drift', 'warming', 'one_way')
@@ -54,7 +60,8 @@ def _friction_and_effects(arm: str, kind: str, rng: np.random.Generator) -> Case
     levels = _friction_levels(arm, rng)
     n = len(levels)
     joints = [int(j) for j in rng.permutation(n)[:_ADDITIONAL.get(kind, 0)]]
-    effects = draws(arm, joints, rng, loads=_loads(arm))
+    noise, loads = noise_levels(ARMS[arm]()), _loads(arm)
+    effects = [_drawn(j, noise[j], rng, j in loads) for j in joints]
     allowed = bristles(*range(n)) | {('viscous_friction', j) for j in range(n)}
     if kind == 'filtered':
         # A filter delays the torque; delayed friction is nearly collinear with presliding.
@@ -125,5 +132,59 @@ def _one_way(arm: str, rng: np.random.Generator) -> Case:
     levels = _friction_levels(arm, rng)
     joint = int(rng.integers(1, len(levels)))
     level = levels[joint][0]
-    return Case('one_way', arm, 'untestable', (Friction(joint, LuGre(level)),),
+    return Case('one_way', arm, True, (Friction(joint, LuGre(level)),),
                 truths=(coulomb(joint, level), offset(joint)), one_way=joint)
+
+
+def coulomb(joint: int, *level: float) -> Truth:
+    return Truth('coulomb_friction', joint, values=level, unit='N·m')
+
+
+def offset(joint: int, *zero: float) -> Truth:
+    return Truth('torque_offset', joint, values=zero, unit='N·m')
+
+
+def bristles(*joints: int) -> frozenset[Pair]:
+    """Return the presliding hysteresis of LuGre friction at reversals."""
+    return frozenset(('presliding_hysteresis', joint) for joint in joints)
+
+
+def _drawn(joint: int, noise: float, rng: np.random.Generator, loaded: bool) -> Draw:
+    """Return a random effect of 3 to 30 times the joint's torque noise in N·m."""
+    size = noise * float(np.exp(rng.uniform(np.log(3.0), np.log(30.0))))
+    makers = _MAKERS if loaded else _MAKERS[:-1]
+    return makers[int(rng.integers(len(makers)))](joint, size, rng)
+
+
+def _offset(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    zero = size * float(rng.choice([-1.0, 1.0]))
+    return GaugeOffset(joint, zero), offset(joint, zero), frozenset()
+
+
+def _rise(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    rise = size * float(rng.choice([-2.0, 2.0]))
+    return (GaugeDrift(joint, rise, float(rng.uniform(150.0, 400.0)), lag=0.25),
+            Truth('torque_drift', joint), frozenset({('torque_offset', joint)}))
+
+
+def _cable(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    pack = DressPack(joint, float(rng.uniform(-0.5, 0.5)), 4.0 * size,
+                     float(rng.uniform(2.0, 5.0)), int(rng.choice([-1, 1])))
+    return pack, Truth('cable_stiffness', joint, (('joint_spring', joint),)), frozenset()
+
+
+def _cogging(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    cogging = Cogging(joint, int(rng.integers(8, 40)), 2.0 * size, float(rng.uniform(0.4, 1.5)),
+                      float(rng.uniform(0.0, 1.0)))
+    return cogging, Truth('torque_ripple', joint), frozenset()
+
+
+def _load(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    fraction = float(rng.uniform(0.03, 0.12))
+    return (LoadFriction(joint, fraction, float(rng.uniform(0.5, 3.0))),
+            Truth('load_dependent_friction', joint),
+            bristles(joint) | {('coulomb_friction', joint)})
+
+
+# Load friction, which requires a loaded joint, is last.
+_MAKERS: tuple[Maker, ...] = (_offset, _rise, _cable, _cogging, _load)

@@ -1,10 +1,8 @@
 """
-Hidden-effect campaign: diagnoses of arms with known unmodelled effects.
+Hidden-effect campaign: diagnoses of arms with known unmodelled effects, unused for tuning.
 
 Run from the root of the repository:
 
-    python -m bench.campaign.run results/ --seeds 10 --jobs 2
-    python -m bench.campaign.run results/ --arms iiwa7 --cases coulomb_large,detent --seeds 3
     python -m bench.campaign.run judged/ --judging --seeds 10 --jobs 2 \
         --arms iiwa7,six_axis,right_seven,right_six,any_six
 
@@ -27,9 +25,7 @@ from typing import Any
 from bench.campaign.judging import judging_case, KINDS
 from bench.campaign.score import ALWAYS_THERE
 from bench.campaign.table import markdown, summary, Task
-from bench.cases.case_list import case, cases, ROLES
 from bench.cases.cases import Case, recordings
-from bench.cases.drawn import drawn_case
 from bench.shared.stored import fingerprint, load, run
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
@@ -43,8 +39,9 @@ def main() -> int:
     folder.mkdir(parents=True, exist_ok=True)
     code = fingerprint()
     try:
-        tasks = [Task(entry, seed, args.rate) for seed in range(args.first, args.seeds)
-                 for entry in chosen(args, seed)]
+        tasks = [Task(judging_case(arm, kind, seed), seed, args.rate)
+                 for seed in range(args.first, args.seeds)
+                 for arm in args.arms.split(',') for kind in args.judging.split(',')]
     except GravityCompError as error:
         print(error, file=sys.stderr)
         return 1
@@ -64,13 +61,9 @@ def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     out = argparse.ArgumentParser(description='Hidden-effect campaign of the diagnosis.')
     out.add_argument('folder', help='folder of results')
-    out.add_argument('--arms', default=','.join(ROLES), help=f'(default: {",".join(ROLES)})')
-    out.add_argument('--cases', help='names, separated by commas (default: all)')
-    out.add_argument('--drawn', type=int, default=0, metavar='N',
-                     help='instead of the named cases, N with random effects, joints and sizes')
-    out.add_argument('--judging', action='store_true',
-                     help='instead of the named cases, test cases unused for tuning: '
-                     + ', '.join(KINDS))
+    out.add_argument('--arms', default='iiwa7,six_axis', help='(default: %(default)s)')
+    out.add_argument('--judging', nargs='?', const=','.join(KINDS), default=','.join(KINDS),
+                     metavar='KINDS', help='kinds of cases (default: %(const)s)')
     out.add_argument('--seeds', type=int, default=3, help='seeds 0 to N - 1 (default: 3)')
     out.add_argument('--first', type=int, default=0, help='first seed (default: 0)')
     out.add_argument('--rate', type=float, default=50.0, help='samples per second (default: 50)')
@@ -79,19 +72,6 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument('--no-floor', action='store_true',
                      help='omit the fit with the true effects; takes a third of the time')
     return out
-
-
-def chosen(args: argparse.Namespace, seed: int = 0) -> list[Case]:
-    """Return the requested cases, on all arms."""
-    arms = args.arms.split(',')
-    if args.judging:
-        chosen_kinds = args.cases.split(',') if args.cases else KINDS
-        return [judging_case(arm, kind, seed) for arm in arms for kind in chosen_kinds]
-    if args.drawn:
-        return [drawn_case(arm, number) for arm in arms for number in range(args.drawn)]
-    if args.cases:
-        return [case(arm, name) for arm in arms for name in args.cases.split(',')]
-    return [entry for arm in arms for entry in cases(arm)]
 
 
 def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
@@ -106,7 +86,7 @@ def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
     result['seconds'] = monotonic() - start
     result['peak_mb'] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     result['joints'] = list(samples.names)
-    if floor and task.case.verdict == 'found':
+    if floor and not task.case.untestable:
         oracle = diagnose(samples, options=DiagnosisOptions(
             effects=true_effects(task.case))).to_json()
         result['floor'] = {name: report['rmse_after']

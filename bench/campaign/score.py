@@ -36,14 +36,12 @@ class Score:
     """
     Score of one diagnosis.
 
-    `named` has one entry for each truth. `false` lists findings without a true effect, `open` the
-    ambiguous, weak, untestable and unexplained ones. `right` is whether the diagnosis is correct
-    by the case's verdict.
+    `named` has one entry for each truth. `false` lists findings without a true effect. `right` is
+    whether the diagnosis finds all truths, or calls them untestable, and has no false finding.
     """
 
     named: tuple[bool, ...]
     false: tuple[str, ...]
-    open: tuple[str, ...]
     intervals: tuple[Interval, ...]
     right: bool
 
@@ -58,11 +56,11 @@ def score(case: Case, diagnosis: Mapping[str, Any], joints: Sequence[str]) -> Sc
     accepted = [finding for finding in findings if finding.accepted]
     named = tuple(any(finding.names(truth) for finding in findings) for truth in case.truths)
     false = tuple(str(finding) for finding in accepted if not finding.is_among(case))
-    still_open = tuple(str(finding) for finding in findings if not finding.accepted)
     intervals = tuple(interval for truth in case.truths for finding in accepted
                       for interval in finding.intervals(truth))
-    right = not false and _by_verdict(case, findings, named, diagnosis, joints)
-    return Score(named, false, still_open, intervals, right)
+    right = _called_untestable(case, findings, diagnosis, joints) if case.untestable \
+        else all(named)
+    return Score(named, false, intervals, right and not false)
 
 
 @dataclass(frozen=True)
@@ -124,18 +122,6 @@ def _alternative(text: str, joint: int | None, joints: Sequence[str]) -> Pair:
 
 def _same(named: tuple[str | None, int | None], true: Pair) -> bool:
     return named[0] == true[0] and (true[1] is None or named[1] == true[1])
-
-
-def _by_verdict(case: Case, findings: Sequence[Finding], named: tuple[bool, ...],
-                diagnosis: Mapping[str, Any], joints: Sequence[str]) -> bool:
-    if case.verdict == 'found':
-        return all(named)
-    if case.verdict == 'unexplained':
-        true_joints = {truth.joint for truth in case.truths}
-        return any(f.verdict == 'unexplained' and f.joint in true_joints for f in findings)
-    if case.verdict == 'untestable':
-        return _called_untestable(case, findings, diagnosis, joints)
-    return True
 
 
 def _called_untestable(case: Case, findings: Sequence[Finding], diagnosis: Mapping[str, Any],

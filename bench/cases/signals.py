@@ -1,4 +1,4 @@
-"""Pauses of a motion, a grasped payload, sensor errors, and losses before the recording."""
+"""Pauses of a motion, sensor errors, and losses before the recording."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from typing import Protocol
 from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.arms import Arm, inverse_dynamics, Payload, with_payload
 from gravity_comp_ros.simulation.motions import Motion, quintic_step, sample
-from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -73,24 +71,6 @@ def _step(t: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray, FloatArra
     y = np.clip(x, 0.0, 1.0)
     integral = ramp * (y ** 4 * (2.5 - 3 * y + y ** 2) + np.maximum(x - 1.0, 0.0))
     return integral, *quintic_step(t, ramp)[:2]
-
-
-@dataclass(frozen=True)
-class Grasp:
-    """A payload that is attached from `after` s after the start of the motion."""
-
-    payload: Payload
-    after: float = 0.0
-
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
-        loaded = motion.t - motion.t[0] >= self.after
-        q, qd, qdd = motion.q[loaded], motion.qd[loaded], motion.qdd[loaded]
-        tau = signals.tau.copy()
-        if loaded.any():
-            tau[loaded] += (inverse_dynamics(with_payload(arm, self.payload), q, qd, qdd)
-                            - inverse_dynamics(arm, q, qd, qdd))
-        return replace(signals, tau=tau)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,8 @@
 """Disturbances of sensors, base and tool; pauses, sensor noise and the six-axis arm."""
 
 from bench.cases.arms import six_axis
-from bench.cases.signals import (
-    Grasp, ornstein_uhlenbeck, Pause, with_pauses)
-from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
+from bench.cases.signals import ornstein_uhlenbeck, Pause, with_pauses
+from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
 from gravity_comp_ros.simulation.disturbances.joint_torque import (
     Bumper, Cogging, Detent, DressPack, SpringBalancer)
 from gravity_comp_ros.simulation.disturbances.signals import (
@@ -88,17 +87,6 @@ def test_a_tilted_base_rotates_gravity():
     expected = np.array([pin.computeGeneralizedGravity(model, data, q) for q in motion.q[::50]])
     assert after.tau[::50] == pytest.approx(expected, abs=1e-9)
     assert np.abs(after.tau[:, 0]).max() > 1.0
-
-
-def test_a_grasped_payload_adds_gravity_from_then_on():
-    motion, before, after = apply(Grasp(Payload(1.5, (0.02, 0.0, 0.1)), 10.0))
-    change = after.tau - before.tau
-    assert not change[motion.t < 10.0].any()
-    still = gravity_torque(with_payload(ARM, Payload(1.5, (0.02, 0.0, 0.1))), motion.q)
-    late = motion.t >= 10.0
-    # The remaining difference is the payload's inertia at these speeds.
-    assert change[late] == pytest.approx((still - before.tau)[late], abs=0.5)
-    assert np.abs(change[late]).max() > 5.0
 
 
 @pytest.mark.parametrize('arm', [iiwa7(), six_axis()], ids=['iiwa7', 'six_axis'])
