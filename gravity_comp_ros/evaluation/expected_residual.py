@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from gravity_comp_ros.data.option_checks import check_positive
+from gravity_comp_ros.data.runs import MAX_PAUSE
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.predict import torque_of
 from gravity_comp_ros.effects.registry import all_effects
@@ -31,8 +32,11 @@ class ResidualOptions:
     - `drift`: relative change of friction with temperature and load.
     - `min_noise`: minimum noise of a joint as a share of the largest; a joint without gravity has
       almost none.
-    - `speed`, rad/s: of the motion that measures the size of friction, in `steps` through the
+    - `speed`, rad/s: of the motion that measures the size of an effect, in `steps` through the
       trained range.
+    - `seconds`: durations of that motion; the larger size counts. Effects that depend on earlier
+      samples act in a short one, warming and drift after hours: those of the longest pause in a
+      session, in which an arm cools down.
     - `slow`: low speeds, relative to the width of a law of direction; at twice its width it has
       0.96 of its friction.
 
@@ -43,6 +47,7 @@ class ResidualOptions:
     min_noise: float = 0.05
     speed: float = 0.1
     steps: int = 20
+    seconds: tuple[float, ...] = (20.0, MAX_PAUSE)
     slow: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0)
 
     def __post_init__(self) -> None:
@@ -76,16 +81,18 @@ def friction_size(model: GravityModel) -> FloatArray:
 def size(model: GravityModel, effects: Iterable[AppliedEffect],
          speed: float | FloatArray = RESIDUAL.speed) -> FloatArray:
     """
-    Return the RMS torque (N,) in N·m of effects over a sweep through the trained range.
+    Return the RMS torque (N,) in N·m of effects in a motion through the trained range.
 
     :param speed: of all joints, or (N,), rad/s.
     """
-    coverage, share = model.coverage, np.linspace(0.0, 1.0, 1 + RESIDUAL.steps)[:, None]
-    q = coverage.q_min + share * (coverage.q_max - coverage.q_min)
-    sweep = JointSamples.single_run(model.joints, np.arange(len(q)), q,
-                                    np.zeros_like(q) + speed, np.zeros_like(q))
+    coverage, share = model.coverage, np.linspace(0.0, 1.0, 1 + RESIDUAL.steps)
+    q = coverage.q_min + share[:, None] * (coverage.q_max - coverage.q_min)
+    rest, effects = np.zeros_like(q), tuple(effects)
+    sweeps = [JointSamples.single_run(model.joints, share * seconds, q, rest + speed, rest)
+              for seconds in RESIDUAL.seconds]
     # The first sample has no direction yet where friction depends on the path.
-    return rms(torque_of(model, effects, sweep)[1:])
+    return np.asarray(np.max([rms(torque_of(model, effects, sweep)[1:]) for sweep in sweeps],
+                             axis=0))
 
 
 def static_limit(model: GravityModel, friction: Iterable[AppliedEffect],

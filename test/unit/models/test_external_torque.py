@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.evaluation.drift import drift
-from gravity_comp_ros.evaluation.expected_residual import static_limit
+from gravity_comp_ros.evaluation.expected_residual import friction_size, static_limit
 from gravity_comp_ros.evaluation.external_torque import (
     external_torque, ExternalTorqueObserver, mean_weights)
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
@@ -207,6 +207,23 @@ def test_a_gap_or_a_clock_set_back_begins_a_new_window():
 def test_effects_that_need_earlier_samples_are_named():
     assert ExternalTorqueObserver(model(COULOMB, DRIFT)).left_out == ('torque_drift:a',)
     assert ExternalTorqueObserver(MODEL).left_out == ()
+
+
+def test_warming_and_drift_after_an_hour_are_no_push():
+    """The sizes are those of a warm arm: 3 N·m on b and 2 N·m on a."""
+    warming = AppliedEffect('friction_drift', 'b', {'origin': 0.0, 'time': 600.0, 'width': 0.002},
+                            {'F_w': Value(3.0, 'N·m', (2.9, 3.1)),
+                             'B_w': Value(0.0, 'N·m·s/rad', (0.0, 0.0))})
+    drift = AppliedEffect('torque_drift', 'a', DRIFT.setting, {
+        'r': Value(0.0, 'N·m/s', (0.0, 0.0)), 'b': Value(2.0, 'N·m', (1.9, 2.1))})
+    fitted = model(COULOMB, warming, drift)
+    samples = motion()
+    samples = replace(samples, tau=samples.tau + [2.0, -3.0])
+    result = external_torque(fitted, samples)
+    assert np.nanmin(result.std, axis=0) == pytest.approx([2.0, 3.0], rel=0.1)
+    assert not result.significant.any() and external_torque(MODEL, samples).significant.any()
+    np.testing.assert_allclose(friction_size(fitted)[1], FRICTION, rtol=0.03)
+    np.testing.assert_allclose(friction_size(model(warming))[1], 3.0, rtol=0.02)
 
 
 def test_of_a_model_without_uncertainty_the_deviation_is_unknown_and_nothing_is_significant():
