@@ -70,8 +70,8 @@ class FeedForward:
         self._offset = self._speed = self._zero
         # The definition of the present target.
         self._phase: tuple[object, ...] = ()
-        # Whole revolutions of the pose that the torque of the model is without.
-        self._turns: FloatArray | None = None
+        # The last pose, without whole revolutions.
+        self._pose: FloatArray | None = None
         self._fresh: float | None = None
         self._now = None
         # Mean period of the messages, s; 0 before there are two.
@@ -101,14 +101,14 @@ class FeedForward:
             self._fresh = now
             return None
         policy = self.options.extrapolation
-        turns = self._zero if policy == 'trust' else source.revolutions(q, self._turns)
-        self._turns = turns
-        gravity = source.torque(q - REVOLUTION * turns, policy, self.margin)
+        self._pose = pose = q if policy == 'trust' else source.nearest(q, self._pose)
+        gravity = source.torque(pose, policy, self.margin)
         effects = source.effect_torque(q, qd, self.margin)
         if not all_finite(gravity):
             return None
         silent = not self.enabled and self._is_at_rest()
-        phase = ('model', source, effects is None, *turns.tolist()) if self.enabled else ('off',)
+        turns = np.round((q - pose) / REVOLUTION).tolist()
+        phase = ('model', source, effects is None, *turns) if self.enabled else ('off',)
         target = self._zero if not self.enabled else self._clipped(
             gravity if effects is None else gravity + effects)
         if phase != self._phase:

@@ -39,30 +39,31 @@ class TorqueSource:
     reach: float = math.inf
     effects: Callable[[FloatArray, FloatArray], FloatArray] | None = None
 
-    def revolutions(self, q: FloatArray, before: FloatArray | None = None) -> FloatArray:
+    def nearest(self, q: FloatArray, last: FloatArray | None = None) -> FloatArray:
         """
-        Return the whole revolutions (N,) to subtract from pose q (N,), 0 within the trained range.
+        Return pose q (N,) without the whole revolutions of joints outside the trained range.
 
         Gravity has a period of one revolution, so the torque is the same. Half a revolution from
-        the middle of the range the nearest pose of the range changes, and with it a held torque:
-        there the revolutions `before` (N,) are kept for another `NODE.turn_margin`.
+        the middle of the range another pose becomes the nearest one, and a held torque another
+        torque: for `NODE.turn_margin` more, the pose goes on from the `last` one (N,).
         """
         outside = self.coverage.distance(q) > 0.0
         if not outside.any():
-            return np.zeros(len(q))
+            return q
         low, high = self.coverage.q_min, self.coverage.q_max
         middle = 0.5 * (low + high)
-        turns = np.round((q - middle) / REVOLUTION)
-        if before is not None:
+        nearest = q - REVOLUTION * np.round((q - middle) / REVOLUTION)
+        if last is not None:
             kept = np.maximum(0.5 * (high - low), math.pi) + NODE.turn_margin
-            turns = np.where(np.abs(q - REVOLUTION * before - middle) > kept, turns, before)
-        return np.where(outside, turns, 0.0)
+            further = q - REVOLUTION * np.round((q - last) / REVOLUTION)
+            nearest = np.where(np.abs(further - middle) > kept, nearest, further)
+        return np.where(outside, nearest, q)
 
     def torque(self, q: FloatArray, policy: str, margin: float) -> FloatArray:
         """
         Return gravity (N,) in N·m, by the policy beyond the margin in rad.
 
-        :param q: pose (N,), rad, without `revolutions`.
+        :param q: pose (N,), rad, the `nearest` one.
         """
         if policy == 'trust':
             return self.predict(q)
@@ -151,4 +152,4 @@ class ModelInUse:
 
     def distance(self, q: FloatArray) -> FloatArray:
         """Return the distance outside the trained range (N,), rad, modulo whole revolutions."""
-        return self.model.coverage.distance(q - REVOLUTION * self.source.revolutions(q))
+        return self.model.coverage.distance(self.source.nearest(q))
