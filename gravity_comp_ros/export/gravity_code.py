@@ -59,7 +59,7 @@ def gravity_code(model: GravityModel, numbers: Numbers) -> str:
     if model.chain is not None:
         return _chain(model, model.chain, numbers)
     return '\n'.join(_energy(model, model.energy, numbers) if model.energy is not None
-                     else sum_code(model.joints, model.torques, numbers))
+                     else _torques(model.joints, model.torques, numbers))
 
 
 def _chain(model: GravityModel, chain: Chain, numbers: Numbers) -> str:
@@ -86,15 +86,15 @@ def _energy(model: GravityModel, energy: Expansion, numbers: Numbers) -> list[st
     return lines
 
 
-def sum_code(joints: Sequence[str], torques: Sequence[Expansion], numbers: Numbers,
-             label: str = '') -> list[str]:
+def _torques(joints: Sequence[str], torques: Sequence[Expansion],
+             numbers: Numbers) -> list[str]:
     """Return statements that add one sum over the dictionary to the torque of each joint."""
     lines = []
     for joint, torque in enumerate(torques):
         names = dictionary.feature_names(torque.indices, len(joints))
         factors = dictionary.digits(torque.indices, len(joints)).tolist()
         for name, weight, factor in zip(names, torque.weights.tolist(), factors):
-            number = numbers.add(f'{label}{joints[joint]} {name} N*m', weight)
+            number = numbers.add(f'{joints[joint]} {name} N*m', weight)
             lines.append(f'    tau[{joint}] += {_product(number, factor)};')
     return lines
 

@@ -6,7 +6,7 @@ import subprocess
 from bench.shared.compiled_model import compiled
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
-from gravity_comp_ros.effects.predict import effect_torque, motion_of
+from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.export.c_source import c_source, parameters_of
@@ -155,7 +155,7 @@ def test_effects_without_a_law_are_left_out_by_name(tmp_path):
     code = c_source(model)
     assert not code.effects and len(code.left_out) == len(model.applied.effects)
     # The first three depend on time or on the path, the others are not those of the library.
-    assert [why.startswith('its torque is not') for why in code.left_out.values()] == [
+    assert [why.startswith('it has no law') for why in code.left_out.values()] == [
         *3 * [True], *3 * [False]]
     library, (q, _) = compiled(model, tmp_path), poses(5)
     np.testing.assert_array_equal(library.static(q), library.gravity(q))
@@ -184,23 +184,6 @@ def test_friction_that_persists_at_rest_acts_in_motion_only(tmp_path):
     np.testing.assert_allclose(library.friction(q, qd), effects_at(in_motion, q, qd), rtol=0,
                                atol=1e-9)
     np.testing.assert_array_equal(library.friction(q, 0 * qd), 0.0)
-
-
-def test_effects_in_the_dictionary_are_sums(tmp_path):
-    model = model_of('chain', right_angles=True)
-    samples = JointSamples.single_run(JOINTS, [0.0], *np.zeros((3, 1, N)))
-    symbols = [c.symbol for c in library_effects()['tool_force'].coefficients_of(
-        motion_of(model, samples), 0, {})]
-    rng = np.random.default_rng(0)
-    model = replace(model, applied=Applied((AppliedEffect('tool_force', None, {}, {
-        symbol: Value(x, '', (x, x)) for symbol, x in zip(symbols, rng.normal(size=len(symbols)))
-    }),)))
-    code, (q, qd) = c_source(model), poses(300)
-    expected = effects_at(model, q, qd)
-    assert len(code.effects) == 1 and np.abs(expected).max() > 0.1
-    library = compiled(model, tmp_path)
-    np.testing.assert_allclose(library.static(q) - library.gravity(q), expected, rtol=0,
-                               atol=1e-9)
 
 
 @pytest.mark.parametrize('kind', KINDS)
