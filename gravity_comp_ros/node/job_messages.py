@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from gravity_comp_ros.export.numbers import Numbers
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import checks
@@ -52,11 +53,13 @@ class FitResult:
     """
     The best model of a job, its checks, and the computing time in s.
 
-    `figures` has the errors of the comparison in one line. `range` is that of the training
-    samples. `outliers` has the number of samples of each joint that were left out.
+    `numbers` are those of the model for exported C source. `figures` has the errors of the
+    comparison in one line. `range` is that of the training samples. `outliers` has the number of
+    samples of each joint that were left out.
     """
 
     model: GravityModel
+    numbers: Numbers
     checks: tuple[Check, ...]
     figures: str
     how: str

@@ -10,6 +10,8 @@ from queue import SimpleQueue
 from threading import Thread
 
 from gravity_comp_ros.errors import ModelFileError, ModelMismatchError
+from gravity_comp_ros.export.c_source import parameters_of
+from gravity_comp_ros.export.numbers import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node.options import NODE
@@ -19,9 +21,10 @@ Reply = Callable[[bool, str], None]
 
 @dataclass(frozen=True)
 class Entry:
-    """A model with its origin, the time of its first use (s), and its epoch."""
+    """A model, its numbers for C source, its origin, time of its first use (s), and epoch."""
 
     model: GravityModel
+    numbers: Numbers
     origin: str
     since: float
     epoch: int
@@ -60,7 +63,8 @@ class ModelHistory:
         """The model in use."""
         return self.entry.model if self.entry else None
 
-    def use(self, model: GravityModel, origin: str, now: float, epoch: int) -> None:
+    def use(self, model: GravityModel, numbers: Numbers, origin: str, now: float,
+            epoch: int) -> None:
         """
         Take a model into use.
 
@@ -70,7 +74,7 @@ class ModelHistory:
         if self.entry is not None and self.entry.epoch != epoch:
             self.past.append(self.entry)
             del self.past[:-NODE.depth]
-        self.entry = Entry(model, origin, now, epoch)
+        self.entry = Entry(model, numbers, origin, now, epoch)
 
     def roll_back(self, now: float) -> Entry | None:
         """Bring back the last model of the previous payload; return None if there is none."""
@@ -95,7 +99,7 @@ class ModelHistory:
                 f'{self.path} is a model of {", ".join(model.joints)}; the parameter joints '
                 f'is {", ".join(joints)}')
         # Of an earlier epoch than any model that is learned, so that a rollback returns to it.
-        self.use(model, f'loaded from {self.path}', now, -1)
+        self.use(model, parameters_of(model), f'loaded from {self.path}', now, -1)
 
     def save(self, reply: Reply) -> None:
         """Write the present model after all earlier saves; reply now, or from another thread."""

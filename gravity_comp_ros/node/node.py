@@ -261,7 +261,7 @@ class GravityCompNode(LifecycleNode):
             outputs.checks(core.events.checks.popleft())
         while core.events.payloads:
             outputs.payload_suspected(core.events.payloads.popleft())
-        outputs.model(core.models.model)
+        outputs.model(core.models.entry)
         if tau is not None and self._active:
             outputs.torque(self.get_clock().now().to_msg(), tau)
 

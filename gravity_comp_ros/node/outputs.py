@@ -11,12 +11,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import InertiaStamped
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.export.numbers import Numbers
 from gravity_comp_ros.export.payload_lines import Payload, payload_of
-from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.diagnostics import Status, WARN
 from gravity_comp_ros.node.job_messages import PayloadResult
+from gravity_comp_ros.node.model_history import Entry
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters as Settings
 import numpy as np
@@ -86,7 +85,7 @@ class Outputs:
             JOINT_TOPICS if settings.servo_stiffness else JOINT_TOPICS[:-1])}
         self._command = Float64MultiArray()
         self._names: Sequence[str] = ()
-        self._sent_model: GravityModel | None = None
+        self._sent_model: Entry | None = None
         # The topics that have subscribers.
         self._read: frozenset[str] = frozenset()
         kinds = {**dict.fromkeys(self._messages, (JointState, NODE.depth)),
@@ -140,14 +139,14 @@ class Outputs:
         """Publish /diagnostics."""
         self._diagnostics.publish(self._array(statuses))
 
-    def model(self, model: GravityModel | None) -> None:
+    def model(self, entry: Entry | None) -> None:
         """Publish the numbers of another model in use (`export.c_source`), and its payload."""
-        if model is None or model is self._sent_model:
+        if entry is None or entry is self._sent_model:
             return
-        self._sent_model = model
-        self._model.publish(model_message(parameters_of(model)))
+        self._sent_model = entry
+        self._model.publish(model_message(entry.numbers))
         try:
-            payload = payload_of(model)
+            payload = payload_of(entry.model)
         except DataError:
             payload = None
         self._payload.publish(payload_message(payload, self._node.get_clock().now().to_msg()))

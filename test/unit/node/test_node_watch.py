@@ -6,6 +6,7 @@ from bench.shared.node_messages import rows_of
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.export.numbers import Numbers
 from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import not_output, Prediction
@@ -249,5 +250,6 @@ def test_effort_without_gravity_is_recognised():
 def test_in_little_motion_faulty_effort_is_named(n, span, compensates):
     fault = Check(checks.NO_FACT, 1.0, 0.5, text='the effort of j1 is frozen')
     judged = fault, Check(checks.POSE_EXPLAINS, 0.0, 0.2, True, 'pose does not explain it')
-    result = FitResult(None, judged, '', '', 0.0, Coverage(np.zeros(2), np.full(2, span), n))
+    trained = Coverage(np.zeros(2), np.full(2, span), n)
+    result = FitResult(None, Numbers(), judged, '', '', 0.0, trained)
     assert result.has_no_gravity == compensates and result.fault == fault.text
