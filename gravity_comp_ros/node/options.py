@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.option_checks import check_positive
-from gravity_comp_ros.recordings.defects import DEFECTS
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ class NodeOptions:
     """
 
     max_continuous: float = 1000.0
-    stamps: int = DEFECTS.stamps
+    stamps: int = 5
     slope_time: float = 0.1
     max_slope_time: float = 0.5
     slope_factor: float = 1.5

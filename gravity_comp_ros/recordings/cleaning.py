@@ -182,42 +182,20 @@ class Cleaning:
         """Choose stamp or log time, and drop messages that are not later than all before."""
         clock = self.stamp_ns
         backwards = np.count_nonzero(~_rising(clock))
-        if backwards > FactOptions().max_outliers * clock.size:
+        if FactOptions().max_outliers * clock.size < backwards > np.count_nonzero(
+                ~_rising(self.log_ns)):
             unset = 'are not set' if not clock.any() else 'do not increase'
             self.notes.append(f'header stamps {unset}: the time of recording is used')
             clock = self.log_ns
-        clock, steps = _without_steps_back(clock)
-        if steps:
-            self.notes.append(f'the clock was set back by {", ".join(steps)}: later times are '
-                              f'shifted')
-        rising = _rising(clock)
+        rising, latest = _rising(clock), np.maximum.accumulate(clock)
+        back = latest - clock
+        if back.any():
+            self.notes.append(
+                f'the clock goes back by {back.max() / 1e9:.4g} s, the first time after '
+                f'{(latest[np.argmax(back > 0)] - clock[0]) / 1e9:.4g} s: '
+                f'{counted(int((~rising).sum()), "message")} until it has caught up are left out')
         self._keep(rising, TIME)
         self.times = clock[rising]
-
-
-def _without_steps_back(clock: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[str]]:
-    """
-    Return times (M,) in ns in which a clock that was set back goes on, and its steps as text.
-
-    A late message is followed by messages on time; after a step of the clock all are earlier.
-    """
-    steps: list[str] = []
-    latest = np.maximum.accumulate(clock)
-    for row in (np.flatnonzero(np.diff(clock) < 0) + 1).tolist():
-        shift = latest[row - 1] - clock[row:row + DEFECTS.stamps]
-        if len(steps) > DEFECTS.max_steps:
-            return clock, []
-        if len(shift) < DEFECTS.stamps or (shift <= 0).any():
-            continue
-        if not steps:
-            clock = clock.copy()
-        before = clock[max(row - DEFECTS.stamps, 0):row]
-        interval = int(np.median(np.diff(before))) if row > 1 else 0
-        step = shift[0] + interval
-        steps.append(f'{step / 1e9:.4g} s after {(latest[row - 1] - latest[0]) / 1e9:.4g} s')
-        clock[row:] += step
-        latest = np.maximum.accumulate(clock)
-    return (clock, steps) if len(steps) <= DEFECTS.max_steps else (clock, [])
 
 
 def _samples(signals: Signals, path: Path, start: float) -> tuple[JointSamples, int]:

@@ -14,8 +14,8 @@ class DefectOptions:
 
     - `common`: share of messages from which a defect is an error; rarer ones are dropped.
     - `max_magnitude`: of a position, velocity or effort in any unit.
-    - `stamps`: consecutive messages with earlier but rising stamps after which the clock counts
-      as set back. `max_steps`: of the clock; messages of two clocks alternate.
+    - `max_steps`: of the recorder's clock that was set back; the messages of a file whose log
+      times go back more often are not in the order of their arrival.
     - `gap`, s, and `gap_steps`, median intervals: minimum length of a gap.
     - `same_time`, s: between rows of one message; far below any interval of messages.
 
@@ -41,7 +41,6 @@ class DefectOptions:
 
     common: float = 0.5
     max_magnitude: float = 1e9
-    stamps: int = 5
     max_steps: int = 3
     gap: float = 10.0
     gap_steps: float = 100.0

@@ -158,22 +158,42 @@ def test_bad_messages_are_dropped_and_counted(tmp_path, kind, reason):
     np.testing.assert_allclose(recording.samples.t, np.delete(T, bad), atol=1e-9)
 
 
-@pytest.mark.parametrize('first', [40, 150])
-def test_a_clock_that_is_set_back_goes_on(tmp_path, first):
-    rows = messages(200)
-    for number, row in enumerate(rows):
-        if number >= first:
-            row[1]['stamp_ns'] -= 400_000_000
+@pytest.mark.parametrize('first', [[40], [150], [40, 80, 120, 160]])
+def test_messages_after_a_clock_is_set_back_are_left_out_until_it_has_caught_up(tmp_path, first):
+    rows, late = messages(200), np.zeros(200, dtype=bool)
+    for number in first:
+        late[number:number + 4] = True
+        for row in rows[number:]:
+            row[1]['stamp_ns'] -= 80_000_000
+    stamps = np.array([row[1]['stamp_ns'] for row in rows])
     # The clock of the driver, and that of the recorder too.
     both = [(row[1]['stamp_ns'], *row[1:]) for row in rows]
-    for each in (recorded(tmp_path, rows), recorded(tmp_path / 'both', both),
-                 write_folder(tmp_path / 'mcap', {'/joint_states': both}, 'mcap')):
+    for each in (recorded(tmp_path, rows), *([] if len(first) > 3 else [
+            recorded(tmp_path / 'both', both),
+            write_folder(tmp_path / 'mcap', {'/joint_states': both}, 'mcap')])):
         recording = read_bag(each)
-        np.testing.assert_allclose(recording.samples.t, np.arange(200) / 50.0, atol=1e-9)
-        np.testing.assert_array_equal(recording.samples.q, motion(200)[1])
+        np.testing.assert_allclose(recording.samples.t, (stamps[~late] - START_NS) / 1e9,
+                                   atol=1e-9)
+        np.testing.assert_array_equal(recording.samples.q, motion(200)[1][~late])
+        assert recording.report.dropped == {cleaning.TIME: 4 * len(first)}
         (note,) = recording.report.file_notes
-        assert f'the clock was set back by 0.4 s after {(first - 1) / 50:.4g} s' in note
-    # The time of recording is used if the stamps go back in a loop.
+        assert 'the clock goes back by 0.06 s' in note and f'{4 * len(first)} messages' in note
+        assert f'after {(first[0] - 1) / 50:.4g} s' in note
+
+
+def test_a_clock_that_never_catches_up_is_named_with_the_loss(tmp_path):
+    rows = messages(200)
+    both = [(row[0] - 10**13 * (number >= 50), {
+        **row[1], 'stamp_ns': row[0] - 10**13 * (number >= 50)})
+        for number, row in enumerate(rows)]
+    report = read_bag(recorded(tmp_path, both)).report
+    assert report.dropped == {cleaning.TIME: 150} and report.n_samples == 50
+    (note,) = report.file_notes
+    assert 'goes back by 1e+04 s' in note and '150 messages' in note
+
+
+def test_stamps_that_go_back_in_a_loop_are_replaced(tmp_path):
+    rows = messages(200)
     for number, row in enumerate(rows):
         row[1]['stamp_ns'] = rows[number % 20][0]
     again = read_bag(recorded(tmp_path / 'loop', rows))
