@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import replace
 import shlex
 
 from gravity_comp_ros.api.recording import Recording
@@ -48,7 +49,8 @@ def _add(args: argparse.Namespace, model: GravityModel) -> Answer:
     refitting.check_holdout(args, model)
     args.joints = model.joints
     with terminal.progress() as report:
-        recording = reading.load(args, report)
+        recording = replace(reading.load(args, report, is_gated=False),
+                            gate=refitting.fitted_gate(args, model))
         fitted = with_enough_motion(recording)
         result = add_to_model(model, fitted, effects, report)
     reports = recording.reports

@@ -111,8 +111,7 @@ def _unseen(args: argparse.Namespace, model: GravityModel,
     if not args.holdout:
         return recording, fitted
     refitting.check_holdout(args, model)
-    if args.max_speed is None and refitting.of_all_samples(model):
-        recording = replace(recording, gate=None)  # as in the fit
+    recording = replace(recording, gate=refitting.fitted_gate(args, model))
     unfitted = [Block(run, -float('inf'), float('inf'))
                 for run, report in enumerate(recording.reports) if report.path.name not in fitted]
     blocks = held_out_blocks(model, recording.reports)

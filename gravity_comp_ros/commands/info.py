@@ -6,6 +6,7 @@ import argparse
 from dataclasses import replace
 
 from gravity_comp_ros.api.arm import known_arm, KnownArm, LearnOptions
+from gravity_comp_ros.api.axes import NO_DESCRIPTION
 from gravity_comp_ros.api.read import joined, judged, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import with_enough_motion
@@ -76,11 +77,12 @@ def _next_step(args: argparse.Namespace, recordings: list[tuple[ReadReport, Reco
     lines = next_step.lines(why, next_step.command('fit', args, '-o', next_step.new_name()))
     has_unit = any(fact.kind is Kind.EFFORT_UNIT for report, _ in recordings
                    for fact in report.facts)
+    other_urdf = ['--urdf', 'robot.urdf'] if args.urdf in (None, NO_DESCRIPTION) else []
     if not has_unit and not any(report.effort_scale for report, _ in recordings):
         lines += ['The unit of effort cannot be checked by a recording alone: N·cm or mN·m of '
                   'this size look like N·m of a heavier arm. To compare with the masses of a '
                   'description:', terminal.command(next_step.command(
-                      'check', args, '--urdf', str(args.urdf or 'robot.urdf')))]
+                      'check', args, *other_urdf))]
     return lines
 
 

@@ -1,4 +1,4 @@
-"""Complete command lines of the next step, with the user's files and reading options."""
+"""Complete command lines of the next step, with the user's files and options."""
 
 from __future__ import annotations
 
@@ -9,12 +9,19 @@ import shlex
 
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.arguments import read_options
+from gravity_comp_ros.commands.usage import VERBS
+from gravity_comp_ros.recordings.read_options import option_words
+
+# Options of description and gate; the first one of each group belongs to no other.
+_SHARED = (('urdf', 'fixed'), ('all_samples', 'max_speed', 'rate'))
 
 
 def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path] | None = None,
             model: Path | str | None = None) -> str:
     """
-    Return `gravity_comp VERB BAG... --model MODEL` with the reading options of this call.
+    Return `gravity_comp VERB BAG... --model MODEL` with the options of this call.
+
+    They are those of reading, and the description and the gate if the verb has them.
 
     :param more: further arguments, unchanged.
     :param bags: recordings; default: those of this call.
@@ -24,7 +31,20 @@ def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path
     line = ['gravity_comp', verb, *map(str, args.bags if bags is None else bags)]
     if model is not None:
         line += ['--model', str(model)]
-    return shlex.join([*line, *read_options(args).words(joints=model is None), *more])
+    return shlex.join([*line, *read_options(args).words(joints=model is None),
+                       *_shared_words(verb, args), *more])
+
+
+def _shared_words(verb: str, args: argparse.Namespace) -> list[str]:
+    """Return the description and the gate of this call, if the verb has these options."""
+    parser = argparse.ArgumentParser()
+    VERBS[verb].add_arguments(parser)
+    options = {action.dest: action for action in parser._actions}
+    names = [name for group in _SHARED
+             if group[0] in options and hasattr(args, group[0]) for name in group]
+    return option_words({
+        name: value for name in names if name in options
+        and not ((value := getattr(args, name, None)) == 'none' and options[name].type is Path)})
 
 
 def check_recordings(*paths: Path) -> list[terminal.Line]:

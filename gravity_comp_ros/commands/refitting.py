@@ -11,6 +11,8 @@ from gravity_comp_ros.api.provenance import held_out_blocks, now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, not_held_out
 from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.commands.arguments import gate
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import within
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import change, percent
@@ -35,9 +37,13 @@ def check_holdout(args: argparse.Namespace, model: GravityModel) -> None:
         raise OptionError(f'{args.model} was fitted without --holdout: fit it with --holdout')
 
 
-def of_all_samples(model: GravityModel) -> bool:
-    """Return whether a model was fitted to slow and fast samples."""
-    return bool((model.provenance.get('gate') or {}).get('all_samples'))
+def fitted_gate(args: argparse.Namespace, model: GravityModel) -> GateOptions | None:
+    """Return the gate of the arguments if they have one, else that of the fit of the model."""
+    given = gate(args)
+    fitted = model.provenance.get('gate')
+    if fitted is None or given != GateOptions() or args.max_speed is not None:
+        return given
+    return None if fitted['all_samples'] else GateOptions(fitted['max_speed'], fitted['rate_hz'])
 
 
 def without_held_out(model: GravityModel, recording: Recording) -> Recording:
@@ -59,8 +65,7 @@ def held_out_errors(before: GravityModel, after: GravityModel,
     use = within(recording.samples, held_out_blocks(before, recording.reports))
     if not use.any():
         raise DataError(NOTHING_HELD_OUT)
-    gate = None if of_all_samples(before) else recording.gate
-    part = replace(recording, use=use, gate=gate)
+    part = replace(recording, use=use)
     old, new = (compare_model(model, part).joints for model in (before, after))
     return {name: HeldOut(old[name].rmse, new[name].rmse, new[name].torque_std) for name in old}
 

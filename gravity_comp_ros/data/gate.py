@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 import math
 from typing import Any
 
@@ -55,12 +55,16 @@ class GateOptions:
 
 @dataclass(frozen=True, eq=False)
 class GateResult:
-    """Samples that passed the gate, out of `total`, and the number dropped by reason."""
+    """
+    Samples that passed the gate, out of `total`, and the number dropped by reason.
+
+    `options` are None without a gate.
+    """
 
     samples: JointSamples
     total: int
     dropped: dict[str, int]
-    all_samples: bool = False
+    options: GateOptions | None
 
     @property
     def kept(self) -> int:
@@ -69,12 +73,13 @@ class GateResult:
 
     def to_json(self) -> dict[str, Any]:
         """Return the gate entry of a model's provenance and of `--json`."""
+        limits = {} if self.options is None else asdict(self.options)
         return {'total': self.total, 'kept': self.kept, 'dropped': self.dropped,
-                'all_samples': self.all_samples}
+                'all_samples': self.options is None, **limits}
 
     def sentence(self) -> str:
         """Return one line with the number of samples kept, and of those dropped by reason."""
-        if self.all_samples:
+        if self.options is None:
             return f'{counted(self.total, "sample")} used, including fast ones'
         reasons = ', '.join(f'{count} {reason}' for reason, count in self.dropped.items())
         return (f'{self.kept} of {counted(self.total, "sample")} pass the slow-motion gate'
@@ -142,7 +147,8 @@ def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) ->
         kept[slow[_one_per_slot(samples.t[slow], samples.t[run.start], options.rate_hz)]] = True
     dropped = {FAST: fast, RATE: ~(fast | kept)}
     return GateResult(with_accelerations(samples.select(kept), samples), len(samples),
-                      {reason: int(lost.sum()) for reason, lost in dropped.items() if lost.any()})
+                      {reason: int(lost.sum()) for reason, lost in dropped.items() if lost.any()},
+                      options)
 
 
 def apply_gate(samples: JointSamples, options: GateOptions | None) -> GateResult:
@@ -152,7 +158,7 @@ def apply_gate(samples: JointSamples, options: GateOptions | None) -> GateResult
     :raises DataError: if none passes.
     """
     if options is None:
-        return GateResult(with_accelerations(samples, samples), samples.n_samples, {}, True)
+        return GateResult(with_accelerations(samples, samples), samples.n_samples, {}, None)
     result = slow_samples(samples, options)
     if not result.kept:
         limit = options.max_speed

@@ -115,19 +115,25 @@ class ReadOptions:
 
         :param joints: whether to include --joints.
         """
-        words = []
-        for name in OPTIONS:
-            value = getattr(self, name)
-            if value and value not in ('Nm', 'rad') and (joints or name != 'joints'):
-                words.append('--' + name.replace('_', '-'))
-                words += [] if value is True else [_text(value)]
-        return words
+        return option_words({name: value for name in OPTIONS
+                             if (value := getattr(self, name)) not in ('Nm', 'rad')
+                             and (joints or name != 'joints')})
 
 
-def _text(value: str | Mapping[str, object] | Sequence[str]) -> str:
+def option_words(values: Mapping[str, object]) -> list[str]:
+    """Return the options of a command line with these values, by name; empty values have none."""
+    words = []
+    for name, value in values.items():
+        if value:
+            words.append('--' + name.replace('_', '-'))
+            words += [] if value is True else [_text(value)]
+    return words
+
+
+def _text(value: object) -> str:
     if isinstance(value, Mapping):
         return ','.join(f'{key}={_exact(part)}' for key, part in value.items())
-    return value if isinstance(value, str) else ','.join(value)
+    return ','.join(value) if isinstance(value, tuple) else _exact(value)
 
 
 def _exact(value: object) -> str:

@@ -105,7 +105,8 @@ class Choice:
                     model: Path = Path(MODEL_FILE)) -> str:
         """Return the command line that adds effects to a model file."""
         return self.command(f'add {shlex.quote(",".join(effects))}', paths, '--model',
-                            str(model), *self.gate_options())
+                            str(model), *(self.gate_options() or [
+                                '--max-speed', repr(GateOptions().max_speed)]))
 
 
 @dataclass(frozen=True)

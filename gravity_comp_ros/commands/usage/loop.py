@@ -123,8 +123,8 @@ examples:
   gravity_comp add torque_offset:wrist --model arm.json run1.mcap --dry-run
   gravity_comp add --undo --model arm.json
 
-Gravity and effects are fitted jointly, to the samples that `fit` uses: name the same --max-speed
-or --all-samples. Errors are held-out errors, of whole runs or of blocks of time. If another effect
+Gravity and effects are fitted jointly, to the samples that pass the gate of `fit` unless another
+is named. Errors are held-out errors, of whole runs or of blocks of time. If another effect
 explains the recordings equally well, `add` lists it. docs/effects.md describes every effect.
 """, arguments.add_json)
 def add(parser: argparse.ArgumentParser) -> None:
@@ -140,7 +140,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--holdout', action='store_true',
                         help='also show the error on the data that `fit --holdout` held out; '
                         'that data is never fitted')
-    arguments.add_gate(parser, 'fitted samples')
+    arguments.add_gate(parser, 'fitted samples (default: those of the gate of `fit`)')
     arguments.add_reading(parser, joints=False)
     parser.set_defaults(output=None, rewrites_model=True)
 

@@ -155,6 +155,18 @@ def test_errors_on_held_out_data_equal_those_of_compare(bags, tmp_path, capsys):
     assert diagnosed['data']['n_samples'] == 1200
 
 
+@pytest.mark.parametrize('fit, add_gate, expected', [
+    (['--all-samples'], [], None), (['--max-speed', '0.2', '--rate', '3'], [], (0.2, 3.0)),
+    (['--all-samples'], ['--max-speed', '0.1'], (0.1, 5.0)), ([], ['--all-samples'], None)])
+def test_the_samples_are_those_of_the_gate_of_the_fit(bags, tmp_path, capsys, fit, add_gate,
+                                                      expected):
+    path = tmp_path / 'm.json'
+    run_json(capsys, 'fit', bags['one'], *fit, '-o', path)
+    gate = add(capsys, 'coulomb_friction:shoulder', path, bags['one'], more=add_gate)['gate']
+    assert gate['all_samples'] == (expected is None)
+    assert expected is None or (gate['max_speed'], gate['rate_hz']) == expected
+
+
 def test_an_ambiguous_effect_is_added_and_reported_as_ambiguous(bags, tmp_path, capsys):
     path = tmp_path / 'm.json'
     run_json(capsys, 'fit', bags['one_way'], '-o', path)

@@ -36,6 +36,15 @@ def test_words(slow, capsys):
     assert command not in info(capsys, slow, '--effort-scale', 'iiwa_joint_1=2')
 
 
+def test_the_printed_commands_keep_gate_and_description(slow, capsys):
+    text = info(capsys, slow, '--max-speed', '0.4', '--urdf', 'none')
+    assert f'gravity_comp fit {slow} --urdf none --max-speed 0.4 -o ' in text
+    assert f'gravity_comp check {slow} --max-speed 0.4 --urdf robot.urdf' in text
+    text = info(capsys, slow, '--urdf', 'bags/iiwa7.urdf', '--all-samples')
+    rest = f'{slow} --urdf bags/iiwa7.urdf --all-samples'
+    assert f'gravity_comp fit {rest}' in text and f'gravity_comp check {rest}' in text
+
+
 def test_json_has_every_recording(slow, tmp_path, capsys):
     fast = tmp_path / 'fast.mcap'
     main(['synth', '--motion', 'eq15', '-o', str(fast)])
