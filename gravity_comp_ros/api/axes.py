@@ -91,19 +91,16 @@ def known_axes(reports: Sequence[ReadReport], joints: Sequence[str],
     """
     if options.urdf == NO_DESCRIPTION:
         return KnownAxes()
-    if options.file is not None:
-        from gravity_comp_ros.description.urdf import read_text
-        return _axes(reports, joints, options, choose, read_text(options.file), str(options.file))
     try:
-        if reports:
-            # Imports file-format libraries, which arrays do not need.
-            from gravity_comp_ros.recordings.robot_description import first_description
-            recorded = first_description(report.path for report in reports)
-            if recorded is not None:
-                return _axes(reports, joints, options, choose, recorded.text, recorded.source)
-    except OptionError:
-        raise
+        if reports or options.file is not None:
+            # Imports the XML parser.
+            from gravity_comp_ros.description.urdf import find_description
+            own = find_description(options.file, [report.path for report in reports])
+            if own is not None:
+                return _axes(reports, joints, options, choose, own.text, own.source)
     except GravityCompError as problem:
+        if options.file is not None or isinstance(problem, OptionError):
+            raise
         return KnownAxes(problem=f'robot description not used: {problem}')
     if options.fixed:
         raise OptionError('fixed joints need a robot description: no recording contains one',

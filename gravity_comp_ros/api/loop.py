@@ -17,7 +17,7 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.evaluation.compare import Comparison
-from gravity_comp_ros.planning.collision import collision_check
+from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.planning.plan import plan as plan_motion
@@ -168,7 +168,8 @@ def plan(model: Model, recording: Recording, effects: Iterable[str] | None = Non
     :param effects: effects on every joint (`NAME`), on one joint
         (`NAME:JOINT`), or `gravity` for poses with a large standard deviation of the gravity
         torque. By default, the effects that a diagnosis does not resolve.
-    :param urdf: a robot description file; its collision geometry is checked for self-collision.
+    :param urdf: a robot description file, whose collision geometry is checked for self-collision.
+        The default is the description in the recordings.
     :param options: duration, limits and position range of the motion.
     :param progress: called with the name of the step and its completed fraction, 0 to 1.
     :raises DataError: if all effects are resolved, or no motion resolves one.
@@ -176,7 +177,8 @@ def plan(model: Model, recording: Recording, effects: Iterable[str] | None = Non
     """
     targets = None if effects is None else named_targets(effects, model.joints)
     samples = recording.used.joints(model.joints)
-    check, note = collision_check(None if urdf is None else Path(urdf), model.joints, samples.q)
+    limits = arm_limits(urdf, [report.path for report in recording.reports], model.joints,
+                        samples.q)
     motion = plan_motion(samples, model.gravity, targets, options, progress=progress,
-                         obstacles=check)
-    return replace(motion, notes=(*motion.notes, note))
+                         obstacles=limits.check)
+    return replace(motion, notes=(*motion.notes, limits.note))

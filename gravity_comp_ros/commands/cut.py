@@ -14,6 +14,7 @@ from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.printable import counted, shown_names
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+from gravity_comp_ros.recordings.robot_description import robot_description
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -25,10 +26,12 @@ def run(args: argparse.Namespace) -> Answer:
     for path in parts:
         if path.exists() and path.resolve() == args.bag.resolve():
             raise OptionError(f'{path} is the input recording; choose another name')
+    description = robot_description(args.bag)
     for path, part in parts.items():
         velocity = part.qd if report.velocity == 'measured' else None
         write_bag(path, [JointTopic(report.topic, part.names, part.t - part.t[0], part.q, velocity,
-                                    part.tau)], report.start_ns + round(1e9 * float(part.t[0])))
+                                    part.tau)], report.start_ns + round(1e9 * float(part.t[0])),
+                  description=description)
     document = {'input': str(args.bag), 'parts': [
         {'output': str(path), 'n_samples': len(part), 'from': part.t[0], 'to': part.t[-1],
          'joints': part.names} for path, part in parts.items()]}

@@ -9,18 +9,18 @@ from pathlib import Path
 
 from gravity_comp_ros.commands import next_step, reading, terminal
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.description.robot_tree import position_limits
-from gravity_comp_ros.description.urdf import read_text
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.planning import MotionPlan, plan, PlanOptions
-from gravity_comp_ros.planning.collision import collision_check
+from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import EXPECTED
 from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.trajectory_files import write_trajectory
 import numpy as np
+
+UNLIMITED = 'no description gives the position limits: check that no joint reaches an end ' \
+    'stop, or name a description with --urdf'
 
 
 def run(args: argparse.Namespace) -> terminal.Answer:
@@ -28,44 +28,41 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     model = load_model(args.model)
     args.joints = model.joints
     targets = None if args.settle is None else named_targets(args.settle.split(','), model.joints)
-    if args.widen is not None and args.within == 'limits':
-        raise OptionError('give --widen or --within limits, not both')
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
         q = recording.samples.joints(model.joints).q
-        options = _options(args, model, q)
-        check, links = collision_check(args.urdf, model.joints, q)
+        limits = arm_limits(args.urdf, args.bags, model.joints, q)
+        options = _options(args, limits.positions, q)
         planned = plan(recording.samples, model, targets, options, progress=report,
-                       obstacles=check)
+                       obstacles=limits.check)
     trajectory = planned.trajectory
     if args.effort:
         trajectory = replace(trajectory, effort=model.predict(trajectory.q))
     comments = [part.sentence for part in planned.parts]
     write_trajectory(args.output, trajectory, comments, args.goal)
-    document = {**planned.to_json(), 'output': str(args.output), 'links': links,
-                'links_checked': check is not None,
+    document = {**planned.to_json(), 'output': str(args.output), 'links': limits.note,
+                'links_checked': limits.check is not None,
                 'bags': [r.to_json() for r in recording.reports]}
-    return terminal.Answer(document, _lines(args, planned, links),
-                           [*planned.notes, *_advice(planned, options, model)])
+    return terminal.Answer(document, _lines(args, planned, limits.note), [
+        *planned.notes, *_advice(planned, options, model),
+        *[UNLIMITED] * (args.widen is not None and limits.positions is None)])
 
 
-def _options(args: argparse.Namespace, model: GravityModel, q: FloatArray) -> PlanOptions:
+def _options(args: argparse.Namespace, ends: tuple[FloatArray, FloatArray] | None,
+             q: FloatArray) -> PlanOptions:
     """Return the options of the plan; recorded poses q (M, N) in rad are always allowed."""
-    widen = math.inf if args.within == 'limits' else args.widen
     low = high = None
-    if args.within == 'limits' and args.urdf is None:
-        raise OptionError('--within limits requires --urdf FILE')
-    if widen is not None:
-        low, high = q.min(axis=0) - widen, q.max(axis=0) + widen
-        if args.urdf is not None:
-            ends = position_limits(read_text(args.urdf), model.joints, str(args.urdf))
+    if args.widen is not None:
+        low, high = q.min(axis=0) - args.widen, q.max(axis=0) + args.widen
+        if ends is not None:
             # Keep the planned motion away from end stops.
             margin = 0.02 * (ends[1] - ends[0])
             low = np.minimum(np.maximum(low, ends[0] + margin), q.min(axis=0))
             high = np.maximum(np.minimum(high, ends[1] - margin), q.max(axis=0))
     start = None if args.start is None else np.array(args.start)
     return PlanOptions(args.duration, args.max_speed, args.max_acceleration, args.max_jerk,
-                       args.reach if widen is None else math.inf, low=low, high=high, start=start)
+                       PlanOptions.reach if args.widen is None else math.inf, low=low, high=high,
+                       start=start)
 
 
 def _lines(args: argparse.Namespace, planned: MotionPlan, links: str) -> list[terminal.Line]:
@@ -97,8 +94,7 @@ def _advice(planned: MotionPlan, options: PlanOptions, model: GravityModel) -> l
     lines = []
     if names and options.low is None:
         lines.append(f'poses farther from the recorded ones may resolve {names}: --widen 0.7 '
-                     f'extends the recorded range of every joint by 0.7 rad, --within limits '
-                     f'--urdf FILE uses the limits of a description')
+                     f'extends the recorded range of every joint by 0.7 rad')
     if names and model.geometry is None:
         lines.append(f'a gravity model with known axes is collinear with fewer effects, which may '
                      f'resolve {names}: `gravity_comp fit --urdf FILE`, then plan with that model')

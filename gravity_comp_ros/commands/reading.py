@@ -12,12 +12,11 @@ from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.robot_tree import arm_joints
-from gravity_comp_ros.description.urdf import HeldPositions, read_text
+from gravity_comp_ros.description.urdf import find_description, HeldPositions, read_text
 from gravity_comp_ros.errors import DataError, Hint
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
-from gravity_comp_ros.recordings.robot_description import first_description
 
 
 def load(args: argparse.Namespace, report: ProgressCallback,
@@ -96,16 +95,11 @@ def described(args: argparse.Namespace, recording: Recording) -> DescribedArm:
 
     :raises DataError: if there is none.
     """
-    text: bytes | str
-    if args.urdf is not None:
-        text, source = read_text(args.urdf), str(args.urdf)
-    else:
-        recorded = first_description(report.path for report in recording.reports)
-        if recorded is None:
-            raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
-        text, source = recorded.text, recorded.source
-    joints, _ = arm_joints(text, recording.joints, source)
-    return described_arm(text, joints, source, HeldPositions(args.fixed))
+    description = find_description(args.urdf, [report.path for report in recording.reports])
+    if description is None:
+        raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
+    joints, _ = arm_joints(description.text, recording.joints, description.source)
+    return described_arm(description.text, joints, description.source, HeldPositions(args.fixed))
 
 
 def arm_of_model(args: argparse.Namespace, model: GravityModel) -> DescribedArm:

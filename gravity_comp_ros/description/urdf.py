@@ -70,6 +70,33 @@ def read_text(path: Path | str, kind: str = 'URDF') -> bytes:
     return data
 
 
+@dataclass(frozen=True)
+class Description:
+    """Text of a URDF, its name in messages, and the folder of its file, if it is one."""
+
+    text: str | bytes
+    source: str
+    folder: Path | None = None
+
+
+def find_description(urdf: Path | str | None, recordings: Collection[Path | str]
+                     ) -> Description | None:
+    """
+    Return the description in a file, without one that of the first recording which has one.
+
+    :raises DataError: if the file cannot be read.
+    :raises BagError: if a recording cannot be read, or its description is damaged.
+    """
+    if urdf is not None:
+        return Description(read_text(urdf), str(urdf), Path(urdf).resolve().parent)
+    if not recordings:
+        return None
+    # Imports file-format libraries, which arrays do not need.
+    from gravity_comp_ros.recordings.robot_description import first_description
+    recorded = first_description(recordings)
+    return None if recorded is None else Description(recorded.text, recorded.source)
+
+
 def parse_urdf(text: str | bytes, joints: Collection[str], source: str = 'URDF',
                held: HeldPositions = HeldPositions()) -> Geometry:
     """

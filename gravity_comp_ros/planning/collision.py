@@ -8,12 +8,13 @@ poses are excluded: they overlap in the description only. So are neighbours on o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray
+from gravity_comp_ros.errors import GravityCompError
 import numpy as np
 
 # Distance below which links count as colliding, m. Points of a path are 0.01 rad apart, and
@@ -100,22 +101,52 @@ def self_collision(urdf: str, joints: Sequence[str], recorded: FloatArray,
         check, recorded[evenly_picked(len(recorded), _MAX_RECORDED)]))
 
 
-def collision_check(urdf: Path | None, joints: Sequence[str],
-                    recorded: FloatArray) -> tuple[SelfCollision | None, str]:
-    """Return the self-collision check of a file, if possible, and a message about it."""
-    from gravity_comp_ros.description.urdf import read_text
+@dataclass(frozen=True, eq=False)
+class ArmLimits:
+    """
+    Position limits (N,) in rad and self-collision check of a description.
+
+    `positions` and `check` are None where they are unknown; `note` is about the check.
+    """
+
+    positions: tuple[FloatArray, FloatArray] | None
+    check: SelfCollision | None
+    note: str
+
+
+def arm_limits(urdf: Path | str | None, recordings: Collection[Path], joints: Sequence[str],
+               recorded: FloatArray) -> ArmLimits:
+    """
+    Return the limits of the description in a file, else of that in the recordings.
+
+    One in the recordings that does not match the joints is not used; the note gives the reason.
+
+    :param recorded: recorded poses (M, N) in rad.
+    :raises DataError: if the file is not a URDF.
+    :raises ModelMismatchError: if it describes another arm.
+    """
+    # Imports the XML parser.
+    from gravity_comp_ros.description.robot_tree import position_limits
+    from gravity_comp_ros.description.urdf import find_description
+    positions = None
     try:
-        if urdf is None:
+        description = find_description(urdf, recordings)
+        if description is None:
             raise CollisionsUnchecked('this requires a description with collision geometry '
                                       '(--urdf)')
-        check = self_collision(read_text(urdf).decode('utf-8', 'replace'), joints, recorded,
-                               urdf.resolve().parent)
-    except CollisionsUnchecked as problem:
-        return None, f'not checked whether the links of the arm hit each other: {problem}'
+        text, source = description.text, description.source
+        positions = position_limits(text, joints, source)
+        check = self_collision(text if isinstance(text, str) else text.decode('utf-8', 'replace'),
+                               joints, recorded, description.folder)
+    except (CollisionsUnchecked, GravityCompError) as problem:
+        if urdf is not None and isinstance(problem, GravityCompError):
+            raise
+        return ArmLimits(positions, None, f'not checked whether the links of the arm hit each '
+                                          f'other: {problem}')
     excluded = (f'; {", ".join(check.overlapping)} overlap in recorded poses and are excluded'
                 if check.overlapping else '')
-    return check, (f'the links of the arm stay {MARGIN:g} m apart by the collision geometry of '
-                   f'{urdf.name}{excluded}')
+    return ArmLimits(positions, check, f'the links of the arm stay {MARGIN:g} m apart by the '
+                                       f'collision geometry of {source}{excluded}')
 
 
 def _remove_pairs(check: SelfCollision, recorded: FloatArray) -> tuple[str, ...]:

@@ -16,6 +16,8 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.recordings.joint_state_cdr import (
     encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH)
+from gravity_comp_ros.recordings.robot_description import (
+    encode_string, RecordedDescription, STRING)
 from mcap.writer import CompressionType, Writer
 import numpy as np
 
@@ -66,7 +68,8 @@ def joint_states(samples: JointSamples, topic: str = '/joint_states') -> JointTo
 
 
 def write_bag(path: str | Path, topics: Sequence[JointTopic], start_ns: int = DEFAULT_START_NS,
-              metadata: Mapping[str, Mapping[str, object]] = MappingProxyType({})) -> int:
+              metadata: Mapping[str, Mapping[str, object]] = MappingProxyType({}),
+              description: RecordedDescription | None = None) -> int:
     """
     Write the topics to an MCAP file, in order of time, and return the number of messages.
 
@@ -74,6 +77,7 @@ def write_bag(path: str | Path, topics: Sequence[JointTopic], start_ns: int = DE
 
     :param start_ns: time of t = 0, ns since the epoch.
     :param metadata: metadata records by name; their values are strings or JSON values.
+    :param description: robot description to write on its topic before all others.
     :raises BagError: if the file cannot be written; an existing file is then unchanged.
     :raises OptionError: if topic names repeat, or a time does not fit a stamp.
     """
@@ -83,12 +87,13 @@ def write_bag(path: str | Path, topics: Sequence[JointTopic], start_ns: int = DE
     stamps = [_stamps(topic, start_ns) for topic in topics]
     with replacing(Path(path), BagError) as temporary:
         with temporary.open('wb') as stream:
-            _write(stream, topics, stamps, metadata)
+            _write(stream, topics, stamps, metadata, start_ns, description)
     return sum(len(topic.t) for topic in topics)
 
 
 def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[IntArray],
-           metadata: Mapping[str, Mapping[str, object]]) -> None:
+           metadata: Mapping[str, Mapping[str, object]], start_ns: int,
+           description: RecordedDescription | None) -> None:
     writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
     writer.start(profile='ros2', library='gravity_comp_ros')
     schema = writer.register_schema(JOINT_STATE, 'ros2msg', JOINT_STATE_DEFINITION.encode())
@@ -98,6 +103,10 @@ def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[IntA
     for name, record in metadata.items():
         writer.add_metadata(name, {key: value if isinstance(value, str) else json.dumps(
             value, ensure_ascii=False) for key, value in record.items()})
+    if description is not None:
+        schema = writer.register_schema(STRING, 'ros2msg', b'string data\n')
+        channel = writer.register_channel(description.topic, 'cdr', schema)
+        writer.add_message(channel, start_ns, encode_string(description.text), start_ns)
     counts = [0] * len(topics)
     events = (zip(stamp.tolist(), repeat(k), count()) for k, stamp in enumerate(stamps))
     for stamp, number, row in heapq.merge(*events):

@@ -84,6 +84,12 @@ def decode_string(data: bytes) -> str:
     return data[8:8 + length].rstrip(b'\0').decode('utf-8')
 
 
+def encode_string(text: str) -> bytes:
+    """Return a std_msgs/String in plain CDR."""
+    data = text.encode() + b'\0'
+    return b'\0\1\0\0' + struct.pack('<I', len(data)) + data
+
+
 def _topic(storage: Storage) -> str | None:
     topics = {topic.name for topic, count in storage.topics.items()
               if topic[1:] == (STRING, 'cdr') and count and topic.name.endswith(TOPIC)}

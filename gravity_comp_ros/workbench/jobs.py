@@ -22,6 +22,7 @@ from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.facts.fact import Fact
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.questions import named_targets
@@ -116,8 +117,11 @@ class JobRunner:
             return _learned(recording, job, progress)
         if job.step is Step.PLAN:
             targets = None if job.effects is None else named_targets(job.effects, model.joints)
-            return plan(recording.samples, model, targets, diagnosis=job.diagnosis,
-                        progress=progress)
+            limits = arm_limits(job.choice.urdf, job.paths, model.joints,
+                                recording.samples.joints(model.joints).q)
+            planned = plan(recording.samples, model, targets, diagnosis=job.diagnosis,
+                           progress=progress, obstacles=limits.check)
+            return replace(planned, notes=(*planned.notes, limits.note))
         if job.step is Step.DIAGNOSE:
             return diagnose_recording(recording, model, progress=progress).diagnosis
         return add_to_model(model, recording, job.effects or (), progress)

@@ -163,8 +163,8 @@ examples:
   gravity_comp cut run1.mcap -o middle.mcap --from 20 --to 50 --joints shoulder,elbow
   gravity_comp cut run1.mcap -o part.mcap --split 60,120      part-1.mcap, part-2.mcap, part-3.mcap
 
-Times are in s from the first sample. Efforts and stamps are copied unchanged, so the parts share
-one clock. Invalid messages are dropped, as in every verb.
+Times are in s from the first sample. Efforts, stamps and /robot_description are copied unchanged,
+so the parts share one clock. Invalid messages are dropped, as in every verb.
 """, arguments.add_mcap_output, arguments.add_topic_and_joints, arguments.add_json)
 def cut(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `cut`."""

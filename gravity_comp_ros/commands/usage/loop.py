@@ -179,7 +179,6 @@ def update(parser: argparse.ArgumentParser) -> None:
 # Copies from `recordings.trajectory_files` and `planning.PlanOptions`, so that --help does not
 # import them; a test compares both.
 ENDINGS = ('.yaml', '.yml', '.csv', '.mcap')
-REACH = 0.3
 LIMITS = (('duration', 'S', 20.0, 'maximum duration'),
           ('max_speed', 'RAD/S', 0.3, 'of every joint'),
           ('max_acceleration', 'RAD/S²', 1.0, 'of every joint'),
@@ -190,8 +189,7 @@ LIMITS = (('duration', 'S', 20.0, 'maximum duration'),
 examples:
   gravity_comp plan run1.mcap --model arm.json -o motion.yaml
   gravity_comp plan run1.mcap --model arm.json --settle coulomb_friction:elbow -o motion.csv
-  gravity_comp plan run1.mcap --model arm.json --within limits --urdf robot.urdf -o motion.yaml
-  gravity_comp plan run1.mcap --model arm.json --widen 0.7 -o motion.yaml
+  gravity_comp plan run1.mcap --model arm.json --widen 0.7 --urdf robot.urdf -o motion.yaml
   ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \\
       trajectory_msgs/msg/JointTrajectory "$(cat motion.yaml)"
   gravity_comp synth --motion motion.yaml -o new.mcap              simulate it
@@ -200,8 +198,8 @@ examples:
 
 The motion begins and ends at rest at one recorded pose. It stays near recorded poses and moves one
 or two joints at a time, or all joints if more have targets. Move the arm to the first point
-before playing it. Obstacles and people are not checked: keep the space clear. With --urdf and
-pinocchio, self-collisions of the arm are checked.
+before playing it. Obstacles and people are not checked: keep the space clear. With a description
+and pinocchio, self-collisions of the arm are checked.
 """, arguments.add_bags, arguments.add_json)
 def plan(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `plan`."""
@@ -214,19 +212,13 @@ def plan(parser: argparse.ArgumentParser) -> None:
                         'of the model (default: effects that `diagnose` reports as ambiguous, '
                         'untestable or weak, and gravity where it is uncertain)')
     group = parser.add_argument_group('limits')
-    group.add_argument('--within', choices=('recorded', 'limits'), default='recorded',
-                       help='near recorded poses, or within the position limits of --urdf '
-                       '(default: recorded)')
-    arguments.add_description(group, 'robot description: collision geometry for the '
-                              'self-collision check, and position limits for --within limits',
-                              fixed=False)
-    group.add_argument('--reach', metavar='RAD', type=arguments.positive, default=REACH,
-                       help='maximum distance of each joint from a recorded pose '
-                       '(default: %(default)s)')
+    arguments.add_description(group, 'robot description: position limits and collision geometry '
+                              '(default: /robot_description in the recordings)', fixed=False)
     group.add_argument('--widen', metavar='RAD', type=arguments.positive,
                        help='extend the recorded range of every joint by this angle, in any pose '
-                       'of the others, within the limits of --urdf if given; check that the '
-                       'arm has the space')
+                       'of the others, within the limits of the description if there is one; 7 '
+                       'allows all of these limits; check that the arm has the space (default: '
+                       'within 0.3 rad of recorded poses)')
     for name, unit, default, what in LIMITS:
         group.add_argument('--' + name.replace('_', '-'), metavar=unit, type=arguments.positive,
                            default=default, help=f'{what} (default: %(default)s)')

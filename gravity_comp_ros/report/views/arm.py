@@ -14,9 +14,8 @@ from bokeh.models import (
     UIElement)
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import position_limits
-from gravity_comp_ros.description.urdf import parse_urdf, read_text
+from gravity_comp_ros.description.urdf import find_description, parse_urdf
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.recordings.robot_description import first_description
 from gravity_comp_ros.report import css, markup
 from gravity_comp_ros.report.contents import Arm, Contents, Table
 from gravity_comp_ros.report.section import Section
@@ -52,12 +51,12 @@ def find_arm(paths: Sequence[Path], joints: Sequence[str], urdf: Path | None = N
     :raises DataError: if this file is missing or not a URDF.
     :raises ModelMismatchError: if it describes another arm.
     """
-    if urdf is not None:
-        return described_arm(read_text(urdf), joints)
     try:
-        description = first_description(paths)
+        description = find_description(urdf, paths)
         return None if description is None else described_arm(description.text, joints)
     except GravityCompError:
+        if urdf is not None:
+            raise
         return None
 
 

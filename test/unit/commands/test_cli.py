@@ -70,7 +70,7 @@ def test_copied_defaults_equal_those_of_the_core():
     assert arguments.FORMULATIONS == CHOICES and CHOICES[0] == FitOptions().formulation
     assert loop.ENDINGS == ENDINGS
     limits = {name: value for name, _, value, _ in loop.LIMITS}
-    assert PlanOptions(**limits, reach=loop.REACH) == PlanOptions()
+    assert PlanOptions(**limits) == PlanOptions()
 
 
 @pytest.mark.parametrize('verb', ['info', 'fit', 'compare', 'update'])

@@ -1,5 +1,7 @@
 """`convert`, `cut` and `replay`: recordings made of tables and of recordings."""
 
+from dataclasses import replace
+
 from bench.shared.command_line import refused, run_json
 from bench.shared.recordings import messages, motion, NAMES, write_folder
 import gravity_comp_ros as gc
@@ -11,6 +13,7 @@ from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+from gravity_comp_ros.recordings.robot_description import RecordedDescription, robot_description
 import numpy as np
 import pytest
 
@@ -102,6 +105,15 @@ def test_parts_of_a_split_make_up_the_whole_on_one_clock(bag, tmp_path, capsys):
 def test_invalid_times_and_joints_are_refused_in_one_line(bag, tmp_path, capsys, wrong, message):
     out = tmp_path / 'part.mcap'
     assert message in refused(capsys, 'cut', bag, '-o', out, *wrong) and not out.exists()
+
+
+def test_each_part_keeps_the_robot_description(bag, tmp_path):
+    text = RecordedDescription('<robot name="Ärmchen"/>', '/arm/robot_description', bag)
+    topic = JointTopic('/joint_states', ('a',), np.arange(9.0), *np.zeros((3, 9, 1)))
+    write_bag(bag, [topic], START, description=text)
+    assert cli.main(['cut', str(bag), '-o', str(tmp_path / 'part.mcap'), '--split', '4']) == 0
+    for path in (tmp_path / 'part-1.mcap', tmp_path / 'part-2.mcap'):
+        assert robot_description(path) == replace(text, path=path)
 
 
 def test_the_input_recording_is_not_overwritten(bag, capsys):

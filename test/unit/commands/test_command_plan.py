@@ -9,6 +9,7 @@ from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.recordings.robot_description import RecordedDescription
 from gravity_comp_ros.recordings.trajectory_files import read_trajectory
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
@@ -57,22 +58,36 @@ def test_a_plan_is_written_shown_and_played(folder, tmp_path, capsys):
     assert 'moves shoulder, elbow, wrist, but the joints of iiwa7' in capsys.readouterr().err
 
 
-def test_within_the_limits_of_a_description(folder, tmp_path, capsys):
-    out = tmp_path / 'wide.csv'
-    assert main(command(folder, out, '--within', 'limits', '--urdf', folder / 'arm.urdf')) == 0
-    assert np.abs(read_trajectory(out).q).max() <= 3.0 * 0.96 + 1e-9
-
-
 def test_a_recorded_range_is_widened(folder, tmp_path, capsys):
     old, limited = read_bag(folder / 'old.mcap').samples.q, ['--urdf', folder / 'arm.urdf']
     out, ends = tmp_path / 'wide.csv', (old.min(axis=0), old.max(axis=0))
-    for more, argv, limit in ((0.4, [], 9.0), (4.0, limited, 3.0 * 0.96)):
+    for more, argv, limit in ((0.4, [], 9.0), (7.0, limited, 3.0 * 0.96)):
         assert main(command(folder, out, '--settle', 'torque_offset', '--widen', more,
                             *argv)) == 0
+        assert ('no description gives the position limits' in capsys.readouterr().err) == (
+            not argv)
         q = read_trajectory(out).q
         assert (q >= np.maximum(ends[0] - more, -limit) - 1e-9).all()
         assert (q <= np.minimum(ends[1] + more, limit) + 1e-9).all()
         assert (q < ends[0] - 0.05).any() or (q > ends[1] + 0.05).any()
+
+
+@pytest.mark.parametrize('joint, is_used', [('elbow', True), ('knee', False)])
+def test_a_widened_range_ends_at_the_limits_of_the_recorded_description(
+        folder, tmp_path, capsys, joint, is_used):
+    text = (folder / 'arm.urdf').read_text().replace('"elbow"', f'"{joint}"').replace(
+        '"3"', '"0.4"').replace('"-3"', '"-0.4"')
+    bag, out = tmp_path / 'old.mcap', tmp_path / 'wide.csv'
+    samples = read_bag(folder / 'old.mcap').samples
+    write_bag(bag, [joint_states(samples)],
+              description=RecordedDescription(text, '/robot_description', bag))
+    line = command(folder, out, '--settle', 'torque_offset', '--widen', '7')
+    assert main([line[0], str(bag), *line[2:]]) == 0
+    q, printed = read_trajectory(out).q, capsys.readouterr()
+    limit = np.maximum(np.abs(samples.q).max(axis=0), 0.96 * 0.4)
+    assert (np.abs(q) <= limit + 1e-9).all() == is_used
+    assert ('no joint elbow' in ' '.join(printed.out.split())) != is_used
+    assert ('no description gives the position limits' in printed.err) != is_used
 
 
 def test_wider_limits_are_advised_where_they_are_needed(folder, tmp_path, capsys):
@@ -112,8 +127,6 @@ def test_the_outcome_of_a_plan(folder, tmp_path, capsys, friction, verdict):
 
 
 @pytest.mark.parametrize('argv, status, message', [
-    (('--within', 'limits'), 1, '--within limits requires --urdf'),
-    (('--within', 'limits', '--widen', '1'), 1, '--within limits, not both'),
     (('--widen', '-1'), 2, 'not a number above 0'),
     (('--settle', 'rust:elbow'), 1, 'no effect'),
     (('--max-speed', '0'), 2, 'not a number above 0'),

@@ -8,7 +8,7 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.bag import joint_positions
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
 from gravity_comp_ros.recordings.robot_description import (
-    decode_string, first_description, robot_description)
+    decode_string, encode_string, first_description, robot_description)
 from hypothesis import given, strategies
 import numpy as np
 import pytest
@@ -85,7 +85,8 @@ def test_a_damaged_description_is_refused(tmp_path):
        strategies.booleans())
 def test_text_in_either_byte_order(text, little):
     raw = STORE.serialize_cdr(STORE.types[STRING](data=text), STRING, little_endian=little)
-    assert decode_string(bytes(raw)) == text
+    assert decode_string(bytes(raw)) == text == decode_string(encode_string(text))
+    assert not little or encode_string(text) == bytes(raw)
 
 
 @given(strategies.binary(max_size=40))
