@@ -76,7 +76,7 @@ def test_intervals_cover_the_truth(old):
     truth = np.array([2.0, *COM])
     # The trials share the error of the old model, so they are not independent.
     inside = []
-    for seed in range(10):
+    for seed in range(6):
         payload = update(old['chain'], recorded(loaded, LATER[:50], seed),
                          geometry=IIWA).report.payload
         limits = np.array([payload.mass.ci95, *(payload.centre[axis].ci95 for axis in 'xyz')])
