@@ -24,8 +24,10 @@ effect, N the number of joints.
 - **d_n**, from -1 to 1, is the direction of motion: tanh(qd_n / `width`), qd_n / `ramp` limited to
   ±1 (both in rad/s), or a direction that persists at rest and reverses over a `distance` in rad
   (Dahl's element).
-- **Time**: recordings with stamps on one clock are one session, from the time `origin` in s on;
-  otherwise every run is one.
+- **Time** t is that of a session. Recordings on one clock are one session unless more than four
+  hours lie between them; otherwise every run is one. `origin` and `end` in s are those of the
+  last session that was fitted, which goes on in later recordings. Samples of a node always
+  continue it: the node does not know when the arm was switched on.
 - **Changes** (encoder offset, base tilt, payload change) begin at a `time` in s of a `run`, or at
   a `clock` time in s. Gravity is that of the end of the recording, and absorbs an error that is
   there throughout.
@@ -34,7 +36,7 @@ The literature is the attribute `source` of each class. Your own effects: [pytho
 """
 
 # Nonlinear parameters that the head of the page explains.
-_SHARED = {**LAW_UNITS, **UNITS, 'origin': 's'}
+_SHARED = {**LAW_UNITS, **UNITS, 'origin': 's', 'end': 's'}
 
 
 def document() -> str:

@@ -159,8 +159,9 @@ class Recording(Displayable):
                 _check_velocity(k, joints, time, position, speed)
             # Differentiation gives NaN for an isolated sample. NaN in `qd` itself is an error.
             keep = np.isfinite(speed).all(axis=1) if runs_qd is None else np.full(len(time), True)
-            parts.append(JointSamples.single_run(joints, time[keep], position[keep], speed[keep],
-                                                 scale * torque[keep], f'run {k}', 0.0))
+            parts.append(JointSamples.single_run(
+                joints, time[keep] - time[0], position[keep], speed[keep], scale * torque[keep],
+                f'run {k}', float(time[0])))
         return cls(concatenate(parts), gate)
 
     def __len__(self) -> int:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 import numpy as np
+
+# Begin and end of a run in s on the clock, and its samples.
+RunOnClock = tuple[float, float, slice]
 
 # Maximum pause, in s, within a session. After a longer one the arm has cooled down.
 MAX_PAUSE = 4.0 * 3600.0
@@ -27,11 +32,23 @@ def session_time(samples: JointSamples) -> FloatArray:
     own = run_time(samples)
     if not samples.starts or samples.n_runs < 2 or not have_common_clock(samples):
         return own
-    time, session, last = np.empty_like(own), -np.inf, -np.inf
-    for start, end, run in _on_clock(samples):
-        session = start if start - last > MAX_PAUSE else session
-        time[run], last = own[run] + start - session, end
+    time = np.empty_like(own)
+    for session in sessions(_on_clock(samples)):
+        for start, _, run in session:
+            time[run] = own[run] + start - session[0][0]
     return time
+
+
+def sessions(runs: Iterable[RunOnClock]) -> list[list[RunOnClock]]:
+    """Return runs in order of time, those of a session in one list."""
+    result: list[list[RunOnClock]] = []
+    last = -np.inf
+    for run in sorted(runs, key=lambda entry: entry[:2]):
+        if run[0] - last > MAX_PAUSE:
+            result.append([])
+        result[-1].append(run)
+        last = max(last, run[1])
+    return result
 
 
 def have_common_clock(samples: JointSamples) -> bool:
@@ -40,7 +57,7 @@ def have_common_clock(samples: JointSamples) -> bool:
     return all(end <= start for (_, end, _), (start, _, _) in zip(runs, runs[1:]))
 
 
-def _on_clock(samples: JointSamples) -> list[tuple[float, float, slice]]:
+def _on_clock(samples: JointSamples) -> list[RunOnClock]:
     """Return begin and end in s on the clock and slice of each run, in order of time."""
     bounds = [(samples.starts[samples.runs[run.start]] + samples.t[run][0],
                samples.starts[samples.runs[run.start]] + samples.t[run][-1], run)

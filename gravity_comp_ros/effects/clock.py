@@ -2,13 +2,17 @@
 Time of a session, counted from an origin that an effect keeps.
 
 Warming and drift go on from one recording of a morning to the next. With stamps on one clock a
-later recording is predicted where it lies in time: the origin is a time on that clock. Without a
-clock each run begins at 0, and so does the origin.
+later recording is predicted where it lies in time: an effect keeps origin and end of the last
+session that it was fitted to. A recording that begins hours after that end is another session.
+Without a clock each run begins at 0, and so does the origin.
+
+The samples of a node have no beginning on the clock. They go on from the origin: the arm may have
+worked all the time.
 """
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import have_common_clock, run_time, session_time
+from gravity_comp_ros.data.runs import have_common_clock, run_slices, session_time, sessions
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Setting
 from gravity_comp_ros.effects.refining import FACTOR, scaled
@@ -23,7 +27,11 @@ _SHORTEST, _LONGEST, _TIMES = 0.1, 3.0, 4
 
 def has_clock(samples: JointSamples) -> bool:
     """Return whether the stamps are of a clock that goes on from recording to recording."""
-    return bool(samples.starts and min(samples.starts) > MIN_STAMP and have_common_clock(samples))
+    return _is_stamped(samples) and have_common_clock(samples)
+
+
+def _is_stamped(samples: JointSamples) -> bool:
+    return bool(samples.starts) and float(clock_time(samples).min(initial=np.inf)) > MIN_STAMP
 
 
 def clock_time(samples: JointSamples) -> FloatArray:
@@ -31,24 +39,32 @@ def clock_time(samples: JointSamples) -> FloatArray:
     return np.asarray(np.array(samples.starts)[samples.runs] + samples.t)
 
 
-def origin_of(samples: JointSamples) -> float:
-    """Return the start of the first session on the clock in s, 0 without a clock."""
+def session_of(samples: JointSamples) -> dict[str, float]:
+    """Return `origin` and `end` of the last session on the clock in s, 0 without a clock."""
     if not has_clock(samples) or not samples.n_samples:
-        return 0.0
-    return float((clock_time(samples) - session_time(samples)).min())
+        return {'origin': 0.0, 'end': 0.0}
+    clock = clock_time(samples)
+    return {'origin': float((clock - session_time(samples)).max()), 'end': float(clock.max())}
 
 
-def since(samples: JointSamples, origin: float) -> FloatArray:
+def since(samples: JointSamples, setting: Setting) -> FloatArray:
     """
-    Return the time of each sample since an origin, (M,) in s.
+    Return the time of each sample since its session begins, (M,) in s.
 
-    Without an origin it is the time since its session begins. Samples before the origin are at 0.
+    The session from `origin` to `end` of the setting goes on in later recordings; samples of it
+    before the origin are at 0.
     """
-    if origin == 0.0:
+    origin = setting['origin']
+    if origin == 0.0 or not _is_stamped(samples):
         return session_time(samples)
-    if not samples.starts or min(samples.starts) <= MIN_STAMP:
-        return run_time(samples)
-    return np.maximum(clock_time(samples) - origin, 0.0)
+    clock, time, known = clock_time(samples), np.empty(samples.n_samples), slice(0)
+    runs = [(samples.starts[samples.runs[run.start]], float(clock[run][-1]), run)
+            for run in run_slices(samples)]
+    for session in sessions([*runs, (origin, setting['end'], known)]):
+        begin = origin if any(run is known for _, _, run in session) else session[0][0]
+        for _, _, run in session:
+            time[run] = np.maximum(clock[run] - begin, 0.0)
+    return time
 
 
 def time_constants(samples: JointSamples, minimum: float = 0.0) -> list[float]:

@@ -11,7 +11,7 @@ from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.clock import (
-    longest_session, origin_of, refined_time, since, time_constants)
+    longest_session, refined_time, session_of, since, time_constants)
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
 from gravity_comp_ros.effects.friction import DRY
 from gravity_comp_ros.effects.motion import Motion
@@ -44,21 +44,21 @@ class FrictionDrift(Effect):
     source = ('A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling and '
               'identification of load and temperature effects, ASME Journal of Dynamic Systems, '
               'Measurement and Control 134, 2012')
-    setting_units = {'time': 's', 'origin': 's', **LAW_UNITS}
+    setting_units = {'time': 's', 'origin': 's', 'end': 's', **LAW_UNITS}
     common = tuple(LAW_UNITS)
     size = 0.03
     corrects = ('coulomb_friction', 'viscous_friction', 'asymmetric_friction',
                 'load_dependent_friction', 'coupled_friction')
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        warmth = np.expm1(-since(motion.samples, setting['origin']) / setting['time'])
+        warmth = np.expm1(-since(motion.samples, setting) / setting['time'])
         speed = motion.samples.qd[:, joint]
         return np.column_stack([motion.direction(joint, law_of(setting)), speed]) * warmth[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        origin, noise = origin_of(motion.samples), float(motion.speed_noise[joint])
+        session, noise = session_of(motion.samples), float(motion.speed_noise[joint])
         middle = [law for law in laws(noise) if law.get('distance', DISTANCES[2]) == DISTANCES[2]]
-        return [{'time': time, 'origin': origin, **law}
+        return [{'time': time, **session, **law}
                 for time in time_constants(motion.samples, _MIN_TIME)
                 for law in (middle[0], middle[-1])]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.clock import (
-    has_clock, longest_session, origin_of, refined_time, since, time_constants)
+    has_clock, longest_session, refined_time, session_of, since, time_constants)
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
@@ -169,16 +169,16 @@ class TorqueDrift(Effect):
     uses_gravity = False
     source = ('K. Hoffmann, An Introduction to Stress Analysis and Transducer Design using '
               'Strain Gauges, HBM, 2012')
-    setting_units = {'origin': 's', 'time': 's'}
+    setting_units = {'origin': 's', 'end': 's', 'time': 's'}
     size = 0.05
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        t = since(motion.samples, setting['origin'])
+        t = since(motion.samples, setting)
         fading = np.exp(-t / setting['time'])
         return np.column_stack([t * fading, 1.0 - (1.0 + t / setting['time']) * fading])
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        return [{'origin': origin_of(motion.samples), 'time': time}
+        return [{**session_of(motion.samples), 'time': time}
                 for time in time_constants(motion.samples)]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,

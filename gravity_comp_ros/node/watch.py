@@ -143,7 +143,7 @@ class Watch:
         rows = [self._rows[k] for k in picked]
         t, q, qd, tau = (np.array(values) for values in zip(*(
             (each.t, each.q, each.qd, each.tau) for each, _, _ in rows)))
-        return JointSamples.single_run(self._names, t, q, qd, tau, 'live',
+        return JointSamples.single_run(self._names, t, q, qd, tau, 'live', 0.0,
                                        qdd=np.array([row.qdd for row in rows]))
 
     def add_finding(self, found: PayloadResult) -> bool:

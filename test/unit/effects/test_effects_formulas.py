@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 from bench.shared.effect_motions import clean_motion
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.sample_buffer import SampleBuffer
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.change_points import change_factor
 from gravity_comp_ros.effects.effect import Sizes
 from gravity_comp_ros.effects.excitation import reversals
@@ -113,9 +114,8 @@ def test_a_drift_goes_on_in_a_later_recording(motion):
     """The first recording begins at 1.7e9 s on the clock, the later one 1000 s after it."""
     drift, warmth = known_effect('torque_drift'), known_effect('friction_drift')
     first, later = stamped(motion, CLOCK, CLOCK), stamped(motion, CLOCK + 1000.0, CLOCK + 1000.0)
-    origin = drift.settings(first, 0)[0]['origin']
-    assert origin == CLOCK
-    law = {'time': 500.0, 'origin': origin, **LAW}
+    law = {**drift.settings(first, 0)[0], 'time': 500.0, **LAW}
+    assert law['origin'] == CLOCK
     for stamps, age in ((first, T), (later, T + 1000.0)):
         np.testing.assert_allclose(drift.columns(stamps, 0, law)[:, 0], age * np.exp(-age / 500.0))
     np.testing.assert_allclose(warmth.columns(later, 0, law)[:, 0],
@@ -124,8 +124,32 @@ def test_a_drift_goes_on_in_a_later_recording(motion):
     earlier = stamped(motion, CLOCK - 1000.0, CLOCK - 1000.0)
     assert not drift.columns(earlier, 0, law).any()
     np.testing.assert_allclose(drift.columns(motion, 0, law)[:, 0], AGE * np.exp(-AGE / 500.0))
+    # On the next day the arm is cold again, and so it is where both days are fitted.
+    cold = stamped(motion, CLOCK + 86400.0, CLOCK + 86400.0)
+    np.testing.assert_allclose(drift.columns(cold, 0, law)[:, 0], T * np.exp(-T / 500.0))
+    both = replace(motion, samples=concatenate([first.samples, later.samples, cold.samples]))
+    law = {**drift.settings(both, 0)[0], 'time': 500.0}
+    age = np.concatenate([T, T + 1000.0, T])
+    np.testing.assert_allclose(drift.columns(both, 0, law)[:, 0], age * np.exp(-age / 500.0))
+    next_day = stamped(motion, CLOCK + 90000.0, CLOCK + 90000.0)
+    np.testing.assert_allclose(drift.columns(next_day, 0, law)[:, 0],
+                               (T + 3600.0) * np.exp(-(T + 3600.0) / 500.0))
     # Stamps near zero are no clock.
     assert known_effect('torque_drift').settings(stamped(motion, 0.0, 0.0), 0)[0]['origin'] == 0.0
+
+
+def test_samples_of_a_node_go_on_from_the_origin(motion):
+    """Samples an hour or a day after the session: the arm may have worked all the time."""
+    drift = known_effect('torque_drift')
+    law = {**drift.settings(stamped(motion, CLOCK, CLOCK), 0)[0], 'time': 2e4}
+    for age in (3600.0, 86400.0):
+        buffer = SampleBuffer(('a', 'b'), 4)
+        for k in range(2):
+            buffer.offer(CLOCK + age + k, Q[k], QD[k], G[k])
+        live = motion_of(buffer.samples())
+        np.testing.assert_allclose(drift.columns(live, 0, law)[0, 0], age * np.exp(-age / 2e4))
+        # A fit of the node keeps its clock.
+        assert drift.settings(live, 0)[0]['origin'] == CLOCK + age
 
 
 def test_presliding_and_its_rate_by_hand(motion):
