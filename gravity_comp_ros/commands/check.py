@@ -25,7 +25,8 @@ def run(args: argparse.Namespace) -> terminal.Answer:
         slow = recording.select_joints(arm.geometry.joints).slow
         inertials = arm.inertials()
         result = check_description(slow, arm, inertials)
-        faults = findings(result, arm, arm.tree, inertials)
+        faults = findings(result, arm, arm.tree, inertials,
+                          recording.reports[0].options.effort_scale)
         report('check', 1.0)
     source = arm.tree.source
     unchecked = unchecked_sentences(result)

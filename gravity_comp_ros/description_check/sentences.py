@@ -48,9 +48,14 @@ class Finding:
 
 
 def findings(check: DescriptionCheck, arm: DescribedArm, tree: RobotTree,
-             inertials: Mapping[str, Inertial]) -> list[Finding]:
-    """Return the faults of a check as sentences, the worst first."""
-    writer = _Writer(arm, tree, inertials)
+             inertials: Mapping[str, Inertial],
+             scales: Mapping[str, float] | None = None) -> list[Finding]:
+    """
+    Return the faults of a check as sentences, the worst first.
+
+    :param scales: `--effort-scale` by joint with which the recording was read.
+    """
+    writer = _Writer(arm, tree, inertials, scales or {})
     return [writer.finding(fit) for fit in check.faults]
 
 
@@ -70,8 +75,8 @@ class _Writer:
     """Sentences about an arm of a description."""
 
     def __init__(self, arm: DescribedArm, tree: RobotTree,
-                 inertials: Mapping[str, Inertial]) -> None:
-        self.arm, self.tree, self.inertials = arm, tree, inertials
+                 inertials: Mapping[str, Inertial], scales: Mapping[str, float]) -> None:
+        self.arm, self.tree, self.inertials, self.scales = arm, tree, inertials, scales
         self._texts: Mapping[str, Callable[[FaultFit, str], tuple]] = {
             AXIS_REVERSED: self._reversed, AXIS_TURNED: self._turned, ZERO: self._zero,
             ORDER: self._order, MOUNT: self._mount, GAIN: self._gain, UNIT: self._unit,
@@ -126,13 +131,18 @@ class _Writer:
     def _gain(self, fit: FaultFit, joint: str) -> tuple:
         gain, std = fit.parameters[0], float(np.sqrt(fit.covariance[0, 0]))
         return (f'the effort of {joint} is {gain:.3f} ± {HALF_95 * std:.3f} times the torque',
-                f'--effort-scale {joint}={1.0 / gain:.4g}', float(gain), std, '')
+                self._effort_scale((joint,), gain), float(gain), std, '')
 
     def _unit(self, fit: FaultFit, _: str) -> tuple:
         gain, std = fit.parameters[0], float(np.sqrt(fit.covariance[0, 0]))
-        scales = ','.join(f'{joint}={1.0 / gain:.4g}' for joint in self.arm.geometry.joints)
         return (f'the efforts of all joints are {gain:.3f} ± {HALF_95 * std:.3f} times the torque '
-                f'(or all masses are)', f'--effort-scale {scales}', float(gain), std, '')
+                f'(or all masses are)', self._effort_scale(self.arm.geometry.joints, gain),
+                float(gain), std, '')
+
+    def _effort_scale(self, joints: tuple[str, ...], gain: float) -> str:
+        """Return the option as given, with the scales of some joints divided by a gain."""
+        scales = {**self.scales, **{joint: self.scales.get(joint, 1.0) / gain for joint in joints}}
+        return '--effort-scale ' + ','.join(f'{joint}={x:.4g}' for joint, x in scales.items())
 
     def _mass(self, fit: FaultFit, link: str) -> tuple:
         described = self.inertials[link].mass

@@ -45,11 +45,11 @@ def edited(joint=None, link=None, **changes):
     return ElementTree.tostring(root, encoding='unicode')
 
 
-def checked(text, samples):
+def checked(text, samples, scales=None):
     arm = described_arm(text, JOINTS)
     inertials = arm.inertials()
     result = check_description(samples, arm, inertials)
-    return result, findings(result, arm, arm.tree, inertials)
+    return result, findings(result, arm, arm.tree, inertials, scales)
 
 
 def rpy_of(joint, turn=None, about=None):
@@ -116,9 +116,11 @@ def test_faults_of_the_recording(samples):
     assert set(faults[0].subjects) == {'iiwa_joint_2', 'iiwa_joint_4'}
     assert faults[0].correction.startswith('--rename iiwa_joint_2=iiwa_joint_4')
     gain = np.array([1, 1, 1, -0.8, 1, 1, 1])
-    _, faults = checked(URDF, replace(samples, tau=samples.tau * gain))
+    _, faults = checked(URDF, replace(samples, tau=samples.tau * gain),
+                        {'iiwa_joint_1': 3.0, 'iiwa_joint_4': 2.0})
     assert faults[0].kind == 'effort_scale' and faults[0].value == pytest.approx(-0.8, abs=0.01)
-    assert faults[0].correction.startswith('--effort-scale iiwa_joint_4=-1.2')
+    # Of a recording that was read with scales: each is kept, or divided by the gain.
+    assert faults[0].correction.startswith('--effort-scale iiwa_joint_1=3,iiwa_joint_4=-2.')
 
 
 @pytest.mark.parametrize('factor', [10.2, *campaign(0.5, 100.0)])
