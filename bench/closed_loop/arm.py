@@ -1,8 +1,7 @@
 """
 Arms in MuJoCo: rigid bodies with damping and Coulomb friction, and a position controller.
 
-This code is independent of the package's own simulation. Each arm has a URDF. An error is the RMS
-error of gravity of the worst joint at random poses within the range of a motion.
+This code is independent of the package's own simulation. Each arm has a URDF.
 """
 
 from __future__ import annotations
@@ -185,9 +184,7 @@ class Controller:
         return np.asarray(self.kp * (q - arm.q) + self.kd * (qd - arm.qd))
 
 
-LOAD = Load(2.0)
 RATE = 100.0
-POSES = 1000
 
 
 def record(arm: MujocoArm, path: SlowPath, start: float, duration: float) -> JointSamples:
@@ -205,14 +202,3 @@ def record(arm: MujocoArm, path: SlowPath, start: float, duration: float) -> Joi
         arm.step(tau)
     t, q, qd, tau = (np.array(part) for part in zip(*rows))
     return JointSamples.single_run(arm.joints, t, q, qd, tau)
-
-
-def box_poses(samples: JointSamples) -> np.ndarray:
-    """Return random poses within the range of samples."""
-    return np.random.default_rng(5).uniform(samples.q.min(axis=0), samples.q.max(axis=0),
-                                            (POSES, samples.n_joints))
-
-
-def error(model, arm: MujocoArm, q: np.ndarray) -> float:
-    """Return the RMS error of gravity of the worst joint in N·m at poses q."""
-    return float(np.sqrt(((model.predict(q) - arm.gravity(q)) ** 2).mean(axis=0)).max())

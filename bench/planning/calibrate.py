@@ -18,10 +18,9 @@ import sys
 import time
 from typing import Any
 
-from bench.planning.poor import RATE
-from bench.planning.scenes import MORE_SECONDS, Scene, slow_sines
-from bench.shared import stored
+from bench.planning.scenes import MORE_SECONDS, RATE, Scene, slow_sines
 from bench.shared.serial_arms import geometry_of
+from bench.shared.stored import table as table_of
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
@@ -128,9 +127,9 @@ def table(results: list[dict[str, Any]]) -> str:
                             f'{rate:.0%}'))
     return '\n'.join([
         f'{len(results) - len(done)} cases without a plan',
-        stored.table(('recording', 'cases', 'resolved before', 'stated', 'planned', 'random'),
-                       rows), '',
-        stored.table(('stated chance', 'cases', 'mean stated', 'resolved'), chances)])
+        table_of(('recording', 'cases', 'resolved before', 'stated', 'planned', 'random'),
+                 rows), '',
+        table_of(('stated chance', 'cases', 'mean stated', 'resolved'), chances)])
 
 
 if __name__ == '__main__':

@@ -5,7 +5,6 @@ from functools import cache
 
 from bench.shared.campaign import campaign
 from bench.shared.serial_arms import geometry_of
-from bench.vertical import tilted
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
@@ -27,6 +26,7 @@ from gravity_comp_ros.simulation.motions import eq17
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 from hypothesis import example, given, settings, strategies as st
 import numpy as np
+import pinocchio as pin
 import pytest
 
 ARM = iiwa7()
@@ -128,6 +128,14 @@ def mounted(angle):
     """Return an arm tilted by `angle` degrees, and its fit with known axes."""
     arm = tilted(ARM, np.radians(angle), 0.7)
     return arm, fit(following(arm), FitOptions(geometry=AXES))
+
+
+def tilted(arm, angle, azimuth):
+    """Return the arm with its base rotated by an angle about a horizontal axis, both in rad."""
+    # R = Ry(pitch) Rx(roll) gives the same vertical; a rotation about it does not change gravity.
+    up = pin.exp3(angle * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]))[2]
+    roll, pitch = np.arctan2(up[1], up[2]), np.arctan2(-up[0], np.hypot(up[1], up[2]))
+    return with_base_tilt(arm, float(roll), float(pitch))
 
 
 def vertical_of(geometry):
