@@ -1,4 +1,8 @@
-"""docs/dependencies.md lists each dependency once, and every import and requirement."""
+"""
+docs/dependencies.md lists each dependency once.
+
+Those of tests and benches alone have their reason behind the version in requirements/ instead.
+"""
 
 import ast
 from pathlib import Path
@@ -44,31 +48,38 @@ def imported():
 
 
 def required():
-    """Return the requirements of setup.py and requirements/, by their names on the page."""
-    text = (ROOT / 'setup.py').read_text()
-    lines = re.findall(r"'([A-Za-z][\w-]*)(?:>=|<)[\d.]+'", text)
+    """Return the requirements of setup.py and requirements/, and those that have a reason."""
+    names, explained = set(), set()
+    lines = re.findall(r"'([A-Za-z][\w-]*(?:>=|<)[\d.]+)'", (ROOT / 'setup.py').read_text())
     for path in (ROOT / 'requirements').glob('*.txt'):
-        lines += re.findall(r'^([A-Za-z][\w-]*)(?:==|<)', path.read_text(), re.MULTILINE)
-    return {PAGE_NAMES.get(name, name).lower() for name in lines
-            if not name.startswith('ros-jazzy')}
+        lines += path.read_text().splitlines()
+    for line in lines:
+        match = re.match(r'([A-Za-z][\w-]*)(?:==|>=|<)[\d.]+(.*)', line)
+        if match and not line.startswith('ros-jazzy'):
+            name = PAGE_NAMES.get(match[1], match[1]).lower()
+            names.add(name)
+            explained |= {name} if re.match(r'  # \w', match[2]) else set()
+    return names, explained
 
 
 def test_each_dependency_is_listed_once():
-    names = listed()
+    names = [*listed(), *required()[1]]
     assert len(names) > 40 and sorted(names) == sorted(set(names))
 
 
 def test_every_import_is_listed():
-    assert {name.lower() for name in imported()} - set(listed()) == set()
+    assert {name.lower() for name in imported()} - {*listed(), *required()[1]} == set()
 
 
 def test_every_requirement_is_listed():
-    assert required() - set(listed()) == set()
+    names, explained = required()
+    assert names - explained - set(listed()) == set()
 
 
 def test_rosdep_keys_are_listed():
     keys = {element.text for element in ElementTree.parse(ROOT / 'package.xml').getroot()
             if element.tag.endswith('depend')}
-    names = set(listed()) | {name.replace('-', '_') for name in listed()}
+    names = {*listed(), *required()[1]}
+    names |= {name.replace('-', '_') for name in names}
     bare = {re.sub('^python3-|-pip$', '', key) for key in keys} - {'mcap-ros2-support'}
     assert {'pyyaml' if key == 'yaml' else key for key in bare} - names == set()
