@@ -15,7 +15,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from bench.paper.methods import Fitted, Method
+from bench.paper.methods import Fitted
 from bench.paper.scenes import FloatArray, Scene
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
@@ -48,20 +48,15 @@ def regression(scene: Scene) -> Fitted:
                   scene.train.n_samples, seconds)
 
 
-def kernel_ridge(quick: bool = False) -> Method:
-    """Return kernel ridge regression on rows of the regressor."""
-    def method(scene: Scene) -> Fitted:
-        start = time.process_time()
-        inputs = _inputs(scene, scene.train.q)
-        fits = [_search(quick).fit(x, tau) for x, tau in zip(inputs, scene.train.tau.T)]
-        seconds = time.process_time() - start
-
-        def predict(q: FloatArray) -> FloatArray:
-            return np.column_stack([search.predict(x) for search, x in zip(
-                fits, _inputs(scene, q))])
-        n = scene.train.n_samples
-        return Fitted(predict, [n] * len(fits), n, seconds)
-    return method
+def kernel_ridge(scene: Scene) -> Fitted:
+    """Fit kernel ridge regression on rows of the regressor."""
+    start = time.process_time()
+    inputs = _inputs(scene, scene.train.q)
+    fits = [_search().fit(x, tau) for x, tau in zip(inputs, scene.train.tau.T)]
+    n = scene.train.n_samples
+    return Fitted(
+        lambda q: np.column_stack([fit.predict(x) for fit, x in zip(fits, _inputs(scene, q))]),
+        [n] * len(fits), n, time.process_time() - start)
 
 
 def _inputs(scene: Scene, q: FloatArray) -> list[FloatArray]:
@@ -71,14 +66,13 @@ def _inputs(scene: Scene, q: FloatArray) -> list[FloatArray]:
     return [rows[:, n, n * _STATIC:] for n in range(q.shape[1])]
 
 
-def _search(quick: bool) -> Any:
+def _search() -> Any:
     from sklearn.compose import TransformedTargetRegressor
     from sklearn.kernel_ridge import KernelRidge
     from sklearn.model_selection import GridSearchCV, KFold
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
-    grid = {'alpha': [0.1] if quick else [1e-3, 1e-1, 10.0],
-            'gamma': [0.1] if quick else [0.01, 0.1]}
+    grid = {'alpha': [1e-3, 1e-1, 10.0], 'gamma': [0.01, 0.1]}
     scaled = TransformedTargetRegressor(
         make_pipeline(StandardScaler(), KernelRidge(kernel='rbf')), transformer=StandardScaler())
     # Blocks of time: neighbouring samples are autocorrelated, which favours a narrow kernel.

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from bench.paper.friction import Check
-from bench.paper.recordings import RecordingResult
+from bench.paper.methods import Row
 from bench.paper.scenes import FloatArray
-from bench.paper.score import Row
 from bench.shared.stored import table
 import numpy as np
 
@@ -51,20 +49,16 @@ def table_5(payloads: Mapping[str, Sequence[Row]]) -> str:
     return table(['method', 'samples', *payloads], [*body, PAPER_5])
 
 
-def friction_table(checks: Sequence[Check]) -> str:
-    """Return the RSE of Eq. (18) for each swept joint."""
+def small_motion(rows: Sequence[Row]) -> str:
+    """Return the errors of gravity alone, later on the same motion and over the whole range."""
+    return table(['method', 'same motion later', 'whole range'],
+                 [(r.name, _torque(r.inside.max()), _torque(r.anywhere.max())) for r in rows])
+
+
+def friction(rse: Mapping[str, Sequence[float]]) -> str:
+    """Return the RSE of Eq. (18) of each joint, forward and reverse."""
     return table(['joint', 'RSE forward %', 'RSE reverse %'],
-                 [(f'J{c.joint + 1}', *(f'{100 * x:.3f}' for x in c.rse)) for c in checks])
-
-
-def recordings_table(rows: Sequence[RecordingResult]) -> str:
-    """Return the held-out errors of every formulation on every recording."""
-    body = []
-    for r in rows:
-        share = float(np.median(r.rmse / np.maximum(r.constant, 1e-9)))
-        body.append((r.recording, r.method, f'{100 * share:.0f}',
-                     '–' if r.band is None else f'{100 * r.band:.0f}'))
-    return table(['recording', 'method', 'error of the median joint, %', 'in 95 % band, %'], body)
+                 [(name, *(f'{100 * x:.3f}' for x in both)) for name, both in rse.items()])
 
 
 def _features(result: Row, joints: Sequence[int]) -> str:
