@@ -5,7 +5,6 @@ import urllib.request
 from bench.shared.browser import expect
 from bench.shared.workbench_page import home, PATIENCE, workers
 from bench.shared.workbench_session import session_of, worked
-from gravity_comp_ros.cli import main
 import pytest
 
 
@@ -61,14 +60,3 @@ def test_without_javascript_the_page_shows_a_message(server, watched):
     with watched(home(server[0]), java_script_enabled=False) as tab:
         tab.page.goto(server[0])
         assert 'requires JavaScript' in tab.page.locator('noscript').first.inner_text()
-
-
-@pytest.mark.parametrize('argv, message', [
-    (['run1.mcap', '--model', 'none.json'], 'none.json'),
-    (['run1.mcap', '--host', '256.1.1.1'], '--port'),
-])
-def test_wrong_usage_gives_one_line(folder, capsys, monkeypatch, argv, message):
-    monkeypatch.chdir(folder)
-    assert main(['workbench', *argv, '--port', '0', '--no-browser']) == 1
-    error = capsys.readouterr().err
-    assert message in error and error.count('\n') == 1

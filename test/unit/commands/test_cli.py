@@ -43,6 +43,7 @@ def test_version_and_overview_of_every_verb(capsys):
     assert 'not available' not in output
     for name in cli.VERBS:
         assert f'\n  {name} ' in output
+    assert cli.main([]) == 2 and 'usage' in capsys.readouterr().err
     assert cli.main(['--version']) == 0
     assert capsys.readouterr().out == f'gravity_comp {__version__}\n'
 
@@ -97,30 +98,6 @@ def test_a_shell_completes(tmp_path, capsys, typed, offered):
         capture_output=True, text=True, timeout=60)
     assert done.stdout.split() == offered.split() or sorted(done.stdout.split()) == sorted(
         offered.split()), (done.stdout, done.stderr)
-
-
-@pytest.mark.parametrize('argv, text', [
-    ([], 'usage'), (['nonsense'], 'unknown verb nonsense'), (['--nonsense'], 'unknown option'),
-    (['fit'], 'BAG'), (['fit', 'a.mcap', '--max-speed', 'fast'], 'not a number'),
-    (['fit', 'a.mcap', '--rate', '-1'], 'not a number above 0'),
-    (['fit', 'a.mcap', '--effort-scale', 'elbow=0'], 'not a number other than 0'),
-    (['fit', 'a.mcap', '--joints', 'a,,b'], 'empty joint name'),
-    (['fit', '--json', 'a.mcap'], 'put --json after the bags'),
-    (['fit', 'a.mcap', '--formul', 'potential'], 'unrecognized'),
-    (['compare', 'a.mcap', '--model', 'm.json', '--html', 'a.mcap'], 'does not end in .html'),
-    *((line.split(), text) for line, text in (
-        ('add --model m.json', 'name an effect and at least one bag'),
-        ('add torque_offset a.mcap --model m.json --undo', 'takes no effect and no bag'),
-        ('add --undo', 'required: --model'), ('convert log.csv', 'required: -o'),
-        ('convert log.csv -o x.csv', 'does not end in .mcap'),
-        ('convert log.csv -o x.mcap --position-unit grad', 'is not rad, deg or ticks'),
-        ('synth -o x.mcap --motion dance', 'no motion dance'),
-        ('synth -o x.mcap --rate nan', 'not a number above 0'))),
-])
-def test_wrong_usage_exits_with_2_and_one_message(argv, text, capsys):
-    assert cli.main(argv) == 2
-    captured = capsys.readouterr()
-    assert text in captured.err and not captured.out
 
 
 @pytest.mark.parametrize('error, status, line', [

@@ -1,6 +1,5 @@
 """`add`, `add --undo` and `fit --effects`, on two links with an analytic torque."""
 
-from pathlib import Path
 
 from bench.shared.command_line import refused, run_json
 from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, VISCOUS
@@ -200,21 +199,3 @@ def test_an_effect_that_is_not_installed_is_reported(bags, model, capsys):
     assert main(['compare', bags['later'], '--model', str(model)]) == 1
     err = capsys.readouterr().err.splitlines()[-1]
     assert 'ghost_torque' in err and 'not installed' in err
-
-
-@pytest.mark.parametrize('effects, bag, message', [
-    ('coulom:shoulder', 'one', 'did you mean coulomb_friction?'),
-    ('coulomb_friction:sholder', 'one', 'did you mean shoulder?'),
-    ('coulomb_friction:shoulder,coulomb_friction', 'one', 'requested twice'),
-    ('base_tilt:shoulder', 'one', 'whole arm'),
-    ('coulomb_friction:shoulder', 'short', 'too few'),
-    ('coulomb_friction:shoulder', 'one_way', 'one direction only'),
-    ('coulomb_friction:shoulder', 'other', 'no joint shoulder'),
-    ('coulomb_friction:shoulder', 'missing', 'missing.mcap'),
-    ('coulomb_friction --holdout', 'one', 'was fitted without --holdout'),
-])
-def test_bad_input_gives_one_line_and_keeps_the_file(bags, model, fitted, capsys, effects, bag,
-                                                     message):
-    path = bags.get(bag, str(Path(bags['one']).with_name('missing.mcap')))
-    assert message in refused(capsys, 'add', *effects.split(), '--model', model, path)
-    assert model.read_bytes() == fitted

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from bench.shared.command_line import refused, run_json
+from bench.shared.command_line import run_json
 from bench.shared.recordings import messages, motion, NAMES, write_folder
 import gravity_comp_ros as gc
 from gravity_comp_ros import cli
@@ -44,22 +44,6 @@ def test_table_to_bag(table, tmp_path, capsys):
     assert recording.report.velocity == 'differentiated'
 
 
-@pytest.mark.parametrize(('change', 'arguments', 'message'), [
-    (('', ''), (), 'no column of time'), (('5', 'five'), ('--rate', '9'), 'is not a number'),
-    (('q_1', 'q_7'), ('--rate', '9'), 'numbered 0, 7'),
-    (('', ''), ('--rate', '9', '--effort-unit', 'A'), 'torque constant'),
-    (('', ''), ('--rate', '9', '--effort-sign', '1,1,1'), '3 effort signs for 2 joints'),
-    (('', ''), ('--rate', '9', '--time', 'q_0'), 'not both'),
-    (('', ''), ('--rate', '9', '--delimiter', '::'), 'one character')])
-def test_bad_input_gives_one_line_and_keeps_the_file(table, tmp_path, capsys, change, arguments,
-                                                     message):
-    table.write_text(TEXT.replace(*change) if change[0] else TEXT)
-    out = tmp_path / 'x.mcap'
-    out.write_bytes(b'old')
-    assert message in refused(capsys, 'convert', table, *arguments, '-o', out)
-    assert out.read_bytes() == b'old'
-
-
 START = 1_700_000_000_000_000_000
 
 
@@ -97,14 +81,6 @@ def test_parts_of_a_split_make_up_the_whole_on_one_clock(bag, tmp_path, capsys):
     assert parts.samples.names == ('b', 'a')
     np.testing.assert_array_equal(parts.samples.tau, whole.samples.tau[:, ::-1])
     np.testing.assert_allclose(session_time(parts.samples), whole.samples.t, atol=1e-6)
-
-
-@pytest.mark.parametrize('wrong, message', [
-    (['--from', '3', '--to', '2'], 'must increase'), (['--split', '4,50'], 'must increase'),
-    (['--from', '0.005', '--to', '0.01'], 'no samples'), (['--joints', 'a,z'], 'z')])
-def test_invalid_times_and_joints_are_refused_in_one_line(bag, tmp_path, capsys, wrong, message):
-    out = tmp_path / 'part.mcap'
-    assert message in refused(capsys, 'cut', bag, '-o', out, *wrong) and not out.exists()
 
 
 def test_each_part_keeps_the_robot_description(bag, tmp_path):
@@ -188,13 +164,3 @@ def test_the_input_recording_is_never_overwritten(tmp_path, folder, wrist, capsy
         assert 'name a' in capsys.readouterr().err
     assert single.read_bytes() == before
     assert not (folder / 'out.mcap').exists()
-
-
-@pytest.mark.parametrize(('arguments', 'message'), [
-    (('--joints', 'wrist,shoulder'), 'no joint elbow'), (('--topic', '/x'), 'no topic /x'),
-    (('--model', 'none.json'), 'none.json')])
-def test_one_line_for_a_mismatch(tmp_path, folder, wrist, capsys, arguments, message):
-    out = tmp_path / 'out.mcap'
-    assert message in refused(capsys, 'replay', folder, '--model', tmp_path / 'm.json', '-o', out,
-                              *arguments)
-    assert not out.exists()

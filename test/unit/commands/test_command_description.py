@@ -3,7 +3,7 @@
 import json
 
 from bench.shared import urdf_snippets as robots
-from bench.shared.command_line import refused, run_json
+from bench.shared.command_line import run_json
 from bench.shared.waisted_arm import IIWA, JOINTS, recording, WAIST, WAISTED
 from gravity_comp_ros.api.arm import known_arm, LearnOptions
 from gravity_comp_ros.api.axes import AxesOptions
@@ -94,11 +94,3 @@ def test_a_waist_that_is_not_a_joint_of_the_model(bags, bag, fixed, value, by):
 def test_a_moving_waist_is_reported(bags):
     assert ('joint waist moves by 0.199 during the recordings'
             in known(bags / 'moving', JOINTS).axes.problem)
-
-
-@pytest.mark.parametrize('argv, message', [
-    (('--fixed', 'hip=1'), 'has no joint hip'), (('--fixed', 'iiwa_joint_1=1'), 'part of the arm'),
-    (('--urdf', 'none', '--fixed', 'waist=1'), '--urdf is none'),
-])
-def test_an_invalid_fixed_joint_is_refused(bags, capsys, argv, message):
-    assert message in refused(capsys, 'fit', bags / 'own', *argv)

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 import shlex
 
-from bench.shared.command_line import refused, run_json
+from bench.shared.command_line import run_json
 from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, WIDE
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
@@ -113,19 +113,6 @@ def test_friction_is_untestable_with_motion_in_one_direction(capsys):
     assert any('one direction only: shoulder' in remark for remark in result['data']['remarks'])
     reason = 'coulomb_friction on shoulder: the joint moves in one direction only'
     assert reason in ' '.join(out.split())
-
-
-@pytest.mark.parametrize('argv, message', [
-    (['other.mcap', '--model', 'arm.json'], 'shoulder'),
-    (['short.mcap', '--model', 'arm.json'], 'too few'),
-    (['one.mcap', '--model', 'nothing.json'], 'nothing.json'),
-    (['one.mcap', '--effects', 'viscos_friction'], 'did you mean viscous_friction?'),
-    (['one.mcap', '--model', 'arm.json', '--joints', 'shoulder'], '--joints'),
-    (['one.mcap', 'other.mcap'], 'different robots'),
-    (['one.mcap', '--model', 'arm.json', '--holdout'], 'was fitted without --holdout'),
-])
-def test_bad_input_gets_one_line(capsys, argv, message):
-    assert message in refused(capsys, 'diagnose', *argv)
 
 
 def finding(effect, verdict, alternatives=(), next_step='move it', to_add=()):

@@ -6,7 +6,6 @@ from pathlib import Path
 import re
 
 from bench.shared import urdf_snippets as snippets
-from bench.shared.command_line import refused
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import GravityCompError
@@ -178,31 +177,6 @@ def test_a_removed_payload_has_no_line(here):
     removed = Payload(payload.frame, Quantity(-2.0, 'kg', (-2.1, -1.9)), payload.centre)
     with pytest.raises(GravityCompError, match=r'removed 2\.000 kg'):
         drive_lines(removed)
-
-
-@pytest.mark.parametrize(('arguments', 'status', 'message'), [
-    (('arm.json',), 2, '--to'),
-    (('arm.json', '--to', 'c'), 2, '--to c needs -o PATH'),
-    (('arm.json', '--to', 'c', '-o', 'x', '--urdf', 'arm.urdf'), 2, '--urdf is not for --to c'),
-    (('arm.json', '--to', 'c', '-o', 'x', '--prefix', '9'), 1, 'is not a C name'),
-    (('arm.json', '--to', 'c', '-o', 'arm.urdf'), 1, 'cannot write to the folder'),
-    (('none.json', '--to', 'c', '-o', 'x'), 1, 'cannot read model'),
-    (('arm.json', '--to', 'urdf', '-o', 'x'), 2, 'needs the description to correct'),
-    (('arm.json', '--to', 'urdf', '--urdf', 'none.urdf', '-o', 'x'), 1, 'cannot read URDF'),
-    (('arm.json', '--to', 'urdf', '--urdf', 'arm.urdf', '-o', 'arm.urdf'), 1,
-     'would be overwritten'),
-    (('arm.json', '--to', 'urdf', '--urdf', 'ur.urdf', '-o', 'x'), 1, 'ur.urdf has no joint'),
-    (('arm.json', '--to', 'mjcf', '--mjcf', 'arm.urdf', '-o', 'x'), 1, 'is not an MJCF'),
-    (('arm.json', '--to', 'payload'), 1, 'no estimate of a payload'),
-    (('tool.json', '--to', 'payload', '-o', 'x'), 2, 'takes no -o'),
-    (('tool.json', '--to', 'payload', '--flange', 'tool0'), 2, 'name it with --urdf'),
-    (('tool.json', '--to', 'payload', '--urdf', 'arm.urdf', '--flange', 'tool9'), 1,
-     'the arm carries no link tool9')])
-def test_bad_input_is_one_line_and_writes_nothing(here, capsys, arguments, status, message):
-    (here / 'ur.urdf').write_text(snippets.UR)
-    before = {path.name: path.read_bytes() for path in here.iterdir()}
-    assert message in refused(capsys, 'export', *arguments, status=status)
-    assert {path.name: path.read_bytes() for path in here.iterdir()} == before
 
 
 def test_a_flange_that_is_not_there_is_refused_before_the_update(here, capsys):

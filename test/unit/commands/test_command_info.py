@@ -2,7 +2,6 @@
 
 import json
 
-from bench.shared.command_line import refused
 from bench.shared.recordings import messages, write_folder
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
@@ -86,17 +85,6 @@ def test_names_from_a_file_are_escaped(tmp_path, capsys):
     write_bag(path, [JointTopic('/joint_states', ('[red]\x1b[31mevil\n',), t, q, 0.1 * q, q)])
     text = info(capsys, path)
     assert '\x1b' not in text and '[red]' in text and 'evil' in text
-
-
-def test_one_line_for_bad_recordings(tmp_path, slow, capsys):
-    other = write_folder(tmp_path / 'bag', {'/joint_states': messages()})
-    cut = tmp_path / 'cut.mcap'
-    cut.write_bytes(slow.read_bytes()[:5000])
-    for arguments, message in (((cut,), 'truncated'), ((tmp_path / 'none',), 'no such recording'),
-                               ((slow, '--joints', 'x'), 'no joint x'),
-                               ((slow, '--topic', '/x'), 'no topic /x'),
-                               ((slow, other), 'different robots')):
-        assert message in refused(capsys, 'info', *arguments, '--json')
 
 
 def test_the_next_fit_inverts_efforts_that_oppose_friction(tmp_path, capsys):

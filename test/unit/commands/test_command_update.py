@@ -147,18 +147,3 @@ def test_an_addition_before_a_payload_change_is_not_undone(folder, tmp_path, cap
         **added.provenance, 'updates': [{'n_samples': 50}]}))
     message = refused(capsys, 'add', '--undo', '--model', tmp_path / 'm.json')
     assert 'the payload changed after coulomb_friction:iiwa_joint_4 had been added' in message
-
-
-def test_invalid_updates_are_refused(folder, model, tmp_path, capsys):
-    before = model.read_bytes()
-    tool = folder / 'tool.mcap'
-    assert '8 slow samples' in refused(capsys, 'update', folder / 'few.mcap', '--model', model)
-    assert 'no such file' in refused(capsys, 'update', tool, '--model', model, '--urdf',
-                                     tmp_path / 'none.urdf')
-    other = tmp_path / 'other.urdf'
-    other.write_text('<robot name="r"><link name="l"/></robot>')
-    assert 'has no joint' in refused(capsys, 'update', tool, '--model', model, '--urdf', other)
-    assert 'at least one bag' in refused(capsys, 'update', '--model', model, status=2)
-    assert 'at least one bag' in refused(capsys, 'update', tool, '--undo', '--model', model,
-                                         status=2)
-    assert model.read_bytes() == before

@@ -1,10 +1,9 @@
 """`fit` and `compare`, from bag to errors, on an arm with an analytic torque."""
 
 import json
-from pathlib import Path
 import re
 
-from bench.shared.command_line import refused, run_json
+from bench.shared.command_line import run_json
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.data.samples import JointSamples
@@ -142,22 +141,3 @@ def test_a_different_effort_scale_than_in_the_fit_gives_a_warning(bags, model, s
     assert not warnings('compare', later, '--model', model)
     (line,) = warnings('compare', later, '--model', model, *scale)
     assert '--effort-scale elbow=1' in line
-
-
-@pytest.mark.parametrize('argv, text', [
-    (['compare', 'fast', '--model', 'MODEL', '--max-speed', '1e-6'], 'pass --all-samples'),
-    (['compare', 'other', '--model', 'MODEL'], 'no joint shoulder'),
-    (['compare', 'later', '--model', 'MODEL', '--joints', 'wrist'], 'no joint wrist'),
-    (['compare', 'train', '--model', 'MODEL', '--holdout'], 'was fitted without --holdout'),
-    (['compare', 'train', '--model', 'train'], 'train.mcap'),
-    (['compare', 'train', '--model', 'absent.json'], 'absent.json'),
-    (['fit', 'train', 'other'], 'different'),
-    (['fit', 'train', '--holdout', '1.5'], 'between 0 and 1'),
-])
-def test_bad_input_gives_one_line_and_changes_nothing(bags, model, capsys, argv, text):
-    before = {path: Path(path).read_bytes() for path in [*bags.values(), model]}
-    argv = [bags.get(word, model if word == 'MODEL' else word) for word in argv]
-    message = refused(capsys, *argv)
-    assert text in message and message.startswith(f'gravity_comp {argv[0]}: ')
-    assert 'internal error' not in message
-    assert before == {path: Path(path).read_bytes() for path in before}

@@ -8,7 +8,6 @@ import re
 from xml.etree import ElementTree
 
 from bench.shared.campaign import campaign
-from bench.shared.command_line import refused
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.description.links import described_arm
@@ -191,14 +190,3 @@ def test_the_residual_of_a_large_fault_does_not_hide_a_small_one(tmp_path, capsy
     labels = {text.text: text.get('class') for text in drawing.iter('text')}
     assert len(labels) == 8 and labels['1: iiwa_joint_4'] == 'fault'
     assert len(drawing.findall('circle[@class="fault"]')) == len(result['faults'])
-
-
-@pytest.mark.parametrize(('arguments', 'message'), [
-    (['--urdf', 'none.urdf'], 'cannot read URDF'), ([], 'name a file with --urdf'),
-    (['--urdf', 'other.urdf'], 'has no joint')])
-def test_bad_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    Path('other.urdf').write_text(URDF.replace('iiwa_joint', 'joint'))
-    assert message in refused(capsys, 'check', BAGS / 'random_poses.mcap', *arguments, '--html',
-                              'r.html')
-    assert message in Path('r.html').read_text()

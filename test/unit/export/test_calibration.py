@@ -119,16 +119,12 @@ def test_the_printed_option_calibrates(recordings, capsys):
                                                                rel=1e-3)
 
 
-@pytest.mark.parametrize(('change', 'status', 'message'), [
-    (lambda a: [*a[:2], a[1], *a[3:]], 1, 'named as the recording without and with'),
-    (lambda a: [*a[:4], '-2', *a[5:]], 2, 'not a number above 0'),
-    (lambda a: [*a, '--com', '0', '0'], 2, 'expected 3 arguments'),
-    (lambda a: [*a, '--link', 'tool9'], 1, 'carries no link tool9'),
-    (lambda a: [a[0], a[2], a[1], *a[3:]], 1, 'the arm would weigh -1.2'),
-    (lambda a: [*a[:4], '1e9', *a[5:]], 1, 'check the mass'),
-    (lambda a: a[:5], 1, 'name a file with --urdf')])
-def test_bad_input_is_one_line(recordings, capsys, change, status, message):
-    assert message in refused(capsys, *change(recordings), status=status)
+@pytest.mark.parametrize(('change', 'message'), [
+    (lambda a: [*a, '--link', 'tool9'], 'carries no link tool9'),
+    (lambda a: [a[0], a[2], a[1], *a[3:]], 'the arm would weigh -1.2'),
+    (lambda a: [*a[:4], '1e9', *a[5:]], 'check the mass')])
+def test_a_weight_that_cannot_be_is_refused(recordings, capsys, change, message):
+    assert message in refused(capsys, *change(recordings))
 
 
 STIFFNESS = np.array([150.0, 60.0])
@@ -238,17 +234,7 @@ def test_the_verb_prints_the_parameter(folder, capsys):
     values = json.loads(document['option'].removeprefix('servo_stiffness: '))
     assert values == pytest.approx(STIFFNESS, rel=0.02)
     assert Parameters(joints=tuple(document['joints']), servo_stiffness=tuple(values))
-
-
-@pytest.mark.parametrize(('words', 'status', 'reason'), [
-    ('a.mcap --goals /goals', 1, '--goals needs one recording and --model'),
-    ('a.mcap b.mcap --goals /goals --model m.json', 1, 'neither LOADED nor --mass'),
-    ('a.mcap', 1, 'name LOADED and --mass'),
-    ('a.mcap b.mcap --mass 2 --model m.json', 1, 'name LOADED and --mass'),
-    ('a.mcap --goals /nothing --model m.json', 1, 'no topic /nothing'),
-    ('a.mcap --goals /other --model m.json', 1, 'no joint')])
-def test_wrong_usage_is_one_line(folder, capsys, words, status, reason):
-    assert reason in refused(capsys, 'calibrate', *words.split(), status=status)
+    assert 'no joint' in refused(capsys, *command[:3], '/other', *command[4:])
 
 
 def test_goals_have_the_signs_and_zeros_of_the_positions(folder):
