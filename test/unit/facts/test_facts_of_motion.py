@@ -40,17 +40,6 @@ def test_facts_by_hand():
     assert any('never moves: b' in text for text in facts.remarks)
 
 
-def test_a_good_slow_recording_has_no_remark():
-    assert describe(synthesise(ARM, motions.eq17(), NOISE)).remarks == ()
-
-
-def test_too_fast():
-    fast = synthesise(ARM, motions.eq15(), NOISE)
-    (text,) = remarks(fast, 'too fast')
-    assert '0.0 %' in text and 'iiwa_joint_5 reaches 3.11 rad/s' in text
-    assert not remarks(fast, 'too fast', options=GateOptions(max_speed=4.0))
-
-
 def test_poses_at_rest():
     poses = synthesise(ARM, motions.random_poses(ARM.lower, ARM.upper, 300), NOISE)
     facts = describe(poses)

@@ -55,18 +55,6 @@ def test_two_joints_by_hand():
     np.testing.assert_allclose(columns, [expected], rtol=1e-15)
 
 
-@pytest.mark.parametrize('n_joints', [1, 2, 4, 7])
-def test_products_are_those_of_the_dense_matrix(n_joints):
-    q, rng = poses(13, n_joints), np.random.default_rng(1)
-    full, halves = dense(q), dictionary.Halves(q)
-    r = rng.normal(size=13)
-    np.testing.assert_allclose(dictionary.columns(q, np.arange(3 ** n_joints)), full,
-                               atol=1e-14)
-    np.testing.assert_allclose(halves.correlate(r), full.T @ r, atol=1e-12)
-    np.testing.assert_allclose(halves.correlate_squares(r ** 2), (full ** 2).T @ r ** 2,
-                               atol=1e-12)
-
-
 @pytest.mark.parametrize('n_joints', [0, 13])
 def test_too_few_or_too_many_joints(n_joints):
     with pytest.raises(DataError, match=f'{n_joints} joints; the dictionary takes 1 to 12'):

@@ -65,14 +65,6 @@ def test_an_error_as_large_as_the_load_is_not_attributed_to_the_sensor():
     assert relative == pytest.approx(0.2, rel=0.1)
 
 
-def test_joints_are_estimated_separately():
-    rng = np.random.default_rng(0)
-    residual = rng.normal(size=(800, 3)) * [0.1, 1.0, 5.0]
-    model = noise.estimate(residual, np.zeros((800, 3)), 1e-6, np.zeros(3))
-    np.testing.assert_allclose(model.absolute, [0.1, 1.0, 5.0], rtol=0.1)
-    np.testing.assert_array_equal(model.relative, 0.0)
-
-
 def test_degrees_of_freedom_are_corrected():
     rng = np.random.default_rng(1)
     sizes = []
@@ -184,12 +176,6 @@ def test_the_largest_within_a_standard_error_of_the_best(monkeypatch, errors, se
     assert choice.correlation_time == pytest.approx(9.0, rel=0.4)
     assert choice.inflation == selected
     assert choice.errors == pytest.approx(np.mean(errors, axis=0).tolist())
-
-
-def test_no_factors_are_tried_for_white_residuals(monkeypatch):
-    monkeypatch.setattr(sparse_fit, '_held_out', None)
-    choice = sparse_fit.choose_inflation(*correlated(1.0), SparseOptions())
-    assert (choice.inflation, choice.tried, choice.errors) == (1.0, (1.0,), ())
 
 
 def test_weights_of_outliers_by_hand():

@@ -52,17 +52,6 @@ def test_a_feature_is_kept_if_and_only_if_worth_its_price(feature, factor, margi
     assert set(np.flatnonzero(others)) <= set(selected.indices)
 
 
-def test_refit_is_least_squares():
-    rng = np.random.default_rng(0)
-    a, b = rng.normal(size=(30, 9)) * np.logspace(-3, 3, 9), rng.normal(size=30)
-    selected = support.refit(DenseDesign(a), b, np.array([7, 2, 5]))
-    chosen = a[:, [2, 5, 7]]
-    expected, chi2 = np.linalg.lstsq(chosen, b, rcond=None)[:2]
-    np.testing.assert_array_equal(selected.indices, [2, 5, 7])
-    np.testing.assert_allclose(selected.x, expected, rtol=1e-9)
-    assert selected.chi2 == pytest.approx(chi2[0])
-
-
 def test_refit_of_nothing_and_of_columns_that_are_zero_or_copies():
     b = np.array([1.0, 2.0, 2.0])
     nothing = support.refit(DenseDesign(np.eye(3)), b, np.zeros(0, dtype=np.int64))
@@ -143,19 +132,6 @@ def test_the_search_ends_despite_rounding(samples):
     best = support.refit(design, b, search.support)
     near = support.equivalents(b, best, 5, search.gram)
     assert np.isfinite(best.x).all() and all(len(other) == len(best.indices) for other in near)
-
-
-def test_the_inverse_is_accurate_after_successive_drops():
-    rng = np.random.default_rng(5)
-    q, b = rng.uniform(-3, 3, (200, 4)), rng.normal(size=200)
-    gram = support.gram_of(TorqueDesign(q, np.ones((200, 1))), np.ones(81, dtype=bool))
-    search = support._Search(b, 4, gram, np.arange(60))
-    for _ in range(45):
-        search.change_support(np.delete(search.support, rng.integers(len(search.support))))
-        exact = np.linalg.inv(gram.within(search.support))
-        np.testing.assert_allclose(search.inverse, exact, atol=1e-9 * np.abs(exact).max())
-        x = np.linalg.lstsq(gram.columns(search.support).T, b, rcond=None)[0]
-        np.testing.assert_allclose(search.x, x, atol=1e-9)
 
 
 def test_no_profitable_feature_of_many_is_missed():
