@@ -110,29 +110,6 @@ def test_information_and_evidence_are_those_of_the_engine(effect):
     assert evidence == pytest.approx(gain(without, scored, 1.0), rel=1e-9)
 
 
-def test_motion_raises_the_utility_and_an_alternative_lowers_it():
-    path = back_and_forth(0.0, 0.3, -0.3, 0.2, -0.4, 0.0)
-    sums, question = asked(Target('torque_offset', 'elbow'), path)
-    after = np.stack([sums.recorded, sums.recorded + sums.added([path])[0]])
-    before, then = Criterion(sums, (question,), None).utilities(after)[:, 0]
-    assert 0.0 <= before < then
-    alone = replace(question, alternatives=())
-    assert question.alternatives and then < Criterion(sums, (alone,), None).utilities(after)[1, 0]
-
-
-def test_more_motion_identifies_more():
-    path = back_and_forth(0.0, 0.3, -0.3, 0.0)
-    sums, question = asked(Target('coulomb_friction', 'elbow'), path)
-    added = sums.added([path, path + path])
-    after = [sums.recorded, *(sums.recorded + added)]
-    shares = [question.identified(a) for a in after]
-    assert shares[0] < 0.15 < min(shares[1:])
-    stds = [question.std(a)[0] for a in after]
-    assert stds[2] < stds[1] < 0.5 * stds[0]
-    chances = [question.chance(a).chance for a in after[1:]]
-    assert 0.7 < chances[0] <= chances[1] + 0.05
-
-
 def test_the_alternative_determines_the_motion():
     # Load friction is distinguished from Coulomb friction by a change of load only.
     target = Target('load_dependent_friction', 'elbow', ('coulomb_friction',))
@@ -206,16 +183,6 @@ def test_a_joint_that_cannot_move():
     with pytest.raises(OptionError, match='no joint of the targets can move'):
         plan(still, model(), [Target('coulomb_friction', 'elbow')], options,
              estimated=estimated())
-
-
-def test_the_weights_contain_the_discrepancy_of_the_planned_rows():
-    regression = estimated().regression
-    problem, posterior = regression.problem, regression.posterior
-    sums = Sums(regression, (), 20.0)
-    assert row_seconds(regression) == pytest.approx(0.1)
-    error = (problem.options.discrepancy * problem.scale.torque) ** 2 * 200
-    np.testing.assert_allclose(1.0 / sums.weights, 1.0 / posterior.precision + error, rtol=0.01)
-    assert (regression.noise < NOISE).all()
 
 
 def finding(effect, joint, verdict, alternatives=()):

@@ -306,9 +306,9 @@ def test_intervals_contain_a_term_that_is_too_small_to_be_selected():
 
 
 def test_published_intervals_cover():
-    """Of 95 % intervals of Coulomb friction in 40 recordings, at least 90 % cover."""
+    """Of 95 % intervals of Coulomb friction in 20 recordings, at least 90 % cover."""
     covered = []
-    for seed in range(40):
+    for seed in range(20):
         samples = with_torque(motion_of_joints(1, seed, runs=1), lambda q, qd, t: (
             4.0 * np.sin(q) + 0.5 * np.tanh(qd / 0.005)), seed)
         result = pendulums(1, samples, (known_effect('coulomb_friction'),))

@@ -272,7 +272,7 @@ def test_scales_are_those_of_the_samples_without_spikes():
 
 
 @pytest.mark.skipif(descriptions() is None, reason='example-robot-data is not installed')
-@pytest.mark.parametrize('name', list(SOURCES))
+@pytest.mark.parametrize('name', list(SOURCES)[::5])
 def test_described_masses_determine_the_inertia_that_gravity_does_not_show(name):
     # The inertia about the vertical joint 1, with masses in the description that are 25 % off.
     arm, other = (described_arm(text, SOURCES[name].joints).geometry
