@@ -93,7 +93,6 @@ class Effect(ABC):
       does not separate both.
     - `needs`: what its torque at a moment depends on. One that does not need the history is
       computed in a control loop, from a motion of one sample.
-    - `is_compensable`: whether its torque may be sent to the drives (docs/node.md).
     - `uses_gravity`: whether its columns depend on the gravity model; if not, they are computed
       once.
     - `is_shared`: whether every fit estimates it as a part of the shared columns, so that it is
@@ -129,7 +128,6 @@ class Effect(ABC):
     is_static: bool = False
     resembles_gravity: bool = False
     needs: Needs = Needs.HISTORY
-    is_compensable: bool = False
     uses_gravity: bool = True
     is_shared: bool = False
     setting_units: Mapping[str, str] = {}

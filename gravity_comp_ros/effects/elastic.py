@@ -52,7 +52,6 @@ class JointSpring(Effect):
     signature = 'position'
     uses_gravity = False
     needs = Needs.SPEED
-    is_compensable = True
     source = 'V. Arakelian, Gravity compensation in robotics, Advanced Robotics 30, 2016'
     setting_units = {'centre': 'rad', 'overtones': ''}
     discrete = ('overtones',)
@@ -136,7 +135,6 @@ class CableStiffness(Effect):
     signature = 'position'
     uses_gravity = False
     needs = Needs.SPEED
-    is_compensable = True
     source = ('A. H. Nayfeh, D. T. Mook, Nonlinear Oscillations, Wiley, 1979 (one-sided and '
               'cubic stiffness)')
     setting_units = {'start': 'rad', 'side': '', 'half': 'rad', 'order': '', 'hardening': ''}

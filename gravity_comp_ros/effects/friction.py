@@ -58,7 +58,6 @@ class CoulombFriction(DirectionEffect):
     signature = 'speed'
     uses_gravity = False
     needs = Needs.SPEED
-    is_compensable = True
     source = ('C. A. Coulomb, Théorie des machines simples, 1785; H. Olsson et al., Friction '
               'models and friction compensation, European Journal of Control 4, 1998')
     expectation = Expectation.COMMON
@@ -82,7 +81,6 @@ class ViscousFriction(Effect):
     signature = 'speed'
     uses_gravity = False
     needs = Needs.SPEED
-    is_compensable = True
     source = ('H. Olsson et al., Friction models and friction compensation, European Journal of '
               'Control 4, 1998')
     expectation = Expectation.COMMON
@@ -156,7 +154,6 @@ class LoadDependentFriction(DirectionEffect):
                   'and in one without load')
     signature = 'load'
     needs = Needs.SPEED
-    is_compensable = True
     source = ('A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling and '
               'identification of load and temperature effects, ASME Journal of Dynamic Systems, '
               'Measurement and Control 134, 2012')

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect, Needs
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_direction import in_motion, LAW_UNITS, smooth_sign
+from gravity_comp_ros.effects.motion_direction import smooth_sign
 from gravity_comp_ros.effects.predict import coefficients, installed, joint_number
 from gravity_comp_ros.effects.presliding import LiveElement
 from gravity_comp_ros.errors import ModelMismatchError
@@ -19,32 +19,6 @@ import numpy as np
 
 # Weighted joints whose sum moves, and the distance in rad and the skew of its element.
 _ElementKey = tuple[tuple[tuple[int, float], ...], float, float]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """
-    Limits of a torque that is sent to drives.
-
-    `fraction` of it is sent. Friction changes its sign over at least `speed` in rad/s. Speeds are
-    clipped to `max_speed` in rad/s, up to which the model was trained.
-    """
-
-    fraction: float
-    speed: float
-    max_speed: float
-
-
-def smooth(effect: AppliedEffect, speed: float) -> AppliedEffect:
-    """
-    Return an effect whose friction changes its sign over at least `speed` in rad/s.
-
-    Friction that persists at rest is compensated in motion only: a torque that remains where the
-    arm has stopped would push it.
-    """
-    return replace(effect, setting={
-        name: max(value, speed) if name in LAW_UNITS else value
-        for name, value in in_motion(effect.setting, speed).items()})
 
 
 @dataclass(frozen=True)
@@ -112,13 +86,10 @@ class LiveEffects:
     why others are.
 
     :param effects: effects of the model.
-    :param limits: limits of a torque that is sent; None for the whole torque.
     """
 
-    def __init__(self, model: GravityModel, effects: Iterable[AppliedEffect],
-                 limits: Limits | None = None) -> None:
-        self._limits, self.problem = limits, ''
-        self._model = model
+    def __init__(self, model: GravityModel, effects: Iterable[AppliedEffect]) -> None:
+        self._model, self.problem = model, ''
         self._elements: dict[_ElementKey, LiveElement] = {}
         self._terms: list[_Term] = []
         left_out = []
@@ -128,8 +99,7 @@ class LiveEffects:
                 if installed(applied).needs is Needs.HISTORY:
                     left_out.append(applied.target)
                     continue
-                used = applied if limits is None else smooth(applied, limits.speed)
-                self._terms.append(_Term.of(model, used, self._moment(*rest, elements={})))
+                self._terms.append(_Term.of(model, applied, self._moment(*rest, elements={})))
             except ModelMismatchError as problem:
                 self.problem = str(problem)
         self.left_out = tuple(left_out)
@@ -151,14 +121,11 @@ class LiveEffects:
         total = np.zeros(len(q))
         if not self._terms:
             return total
-        limits = self._limits
-        if limits is not None:
-            qd = np.minimum(np.maximum(qd, -limits.max_speed), limits.max_speed)
         moment = self._moment(q, qd, gravity, qdd, elements=self._elements)
         for term in self._terms:
             if qdd is not None or term.effect.needs is Needs.SPEED:
                 term.add_to(total, moment)
-        return total if limits is None else limits.fraction * total
+        return total
 
     def _moment(self, q: FloatArray, qd: FloatArray, gravity: FloatArray,
                 qdd: FloatArray | None = None, *,

@@ -47,7 +47,6 @@ class StribeckFriction(Effect):
     signature = 'speed'
     uses_gravity = False
     needs = Needs.SPEED
-    is_compensable = True
     source = ('R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; '
               'B. Bona, M. Indri, Friction compensation in robotics: an overview, CDC 2005')
     setting_units = {'speed': 'rad/s', **LAW_UNITS}
@@ -112,7 +111,6 @@ class DegressiveFriction(Effect):
     signature = 'speed'
     uses_gravity = False
     needs = Needs.SPEED
-    is_compensable = True
     source = ('S. Wolf, M. Iskandar, Extending a dynamic friction model with nonlinear viscous '
               'and thermal dependency for a motor and harmonic drive gear, ICRA 2018')
     setting_units = {'power': '', **LAW_UNITS}

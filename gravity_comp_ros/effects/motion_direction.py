@@ -35,7 +35,7 @@ _GRIDS = {'width': WIDTHS, 'ramp': RAMPS, 'distance': DISTANCES}
 _BELOW, _ABOVE = 4.0, 1.5
 # The law with the shortest distance that is compared.
 SHORTEST = {'distance': DISTANCES[0] / _BELOW}
-# Speed over which friction that is compensated changes its sign, rad/s: above the noise of a
+# Speed over which exported friction changes its sign, rad/s: above the noise of a
 # velocity at rest.
 COMPENSATION_SPEED = 0.02
 

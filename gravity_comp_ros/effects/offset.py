@@ -84,7 +84,6 @@ class TorqueOffset(RecordingEffect):
     deviating = 'offset'
     uses_gravity = False
     needs = Needs.SPEED
-    is_compensable = True
     source = ('M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method for '
               'parameter identification of robot dynamics, IEEE Transactions on Control Systems '
               'Technology 21, 2013')

@@ -146,9 +146,6 @@ class Arm:
         self.gate = Gate(len(self.joints), GateOptions(settings.max_speed, settings.sample_rate))
         self.reader.max_age = settings.max_age
         self._limit()
-        if self.in_use is not None:
-            self.in_use.compensate(settings)
-            self.feed.use(self.in_use.source)
 
     def restart(self) -> None:
         """Forget earlier messages: the clock has started again."""
@@ -173,13 +170,13 @@ class Arm:
         :param learned: the number of its training samples; 0 for a model from a file.
         """
         self.watch.use(model, before, learned)
-        self.in_use = ModelInUse(model, self.settings)
+        self.in_use = ModelInUse(model)
         self.feed.use(self.in_use.source)
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
         self.last_seen, self.pose = now, reading.q
-        return self._recorded(now, self.feed.update(now, reading.q, reading.qd))
+        return self._recorded(now, self.feed.update(now, reading.q))
 
     def watchdog(self, now: float) -> FloatArray | None:
         """Return the torque (N,) in N·m that input which has stopped requires, None for none."""

@@ -111,11 +111,11 @@ def learning_status(learner: Learner) -> Status:
 def feedforward_status(arm: Arm, now: float) -> Status:
     """Return the state of the published torque."""
     in_use, state = arm.in_use, arm.feed.state(now)
-    effects, problem = ((), '') if in_use is None else (in_use.compensated, in_use.problem)
+    effects, problem = ((), '') if in_use is None else (in_use.published, in_use.problem)
     outside = 0.0 if in_use is None or arm.pose is None else float(in_use.distance(arm.pose).max())
     values = {'enabled': str(arm.feed.enabled).lower(),
               'outside trained range [rad]': f'{outside:.3f}', 'torque limits': arm.limit_source,
-              'compensated effects': ', '.join(effects) or 'none'}
+              'static effects': ', '.join(effects) or 'none'}
     level = OK
     if arm.limit_source == 'none':
         level, state = ERROR, NO_LIMITS

@@ -2,9 +2,9 @@
 Feed-forward torque: bumpless, limited, and with a watchdog for input that stops.
 
 One rule makes every transition bumpless. The target is the torque that is due now: that of the
-model at the present pose, a held torque, or zero. When the target is redefined (another model or
-effects, another revolution of a joint, torque enabled or disabled, input lost or returned), the
-offset of the torque published last from the new target begins to fall linearly to zero,
+model at the present pose, a held torque, or zero. When the target is redefined (another model,
+another revolution of a joint, torque enabled or disabled, input lost or returned), the offset of
+the torque published last from the new target begins to fall linearly to zero,
 
     published = target + offset,    between the torque published last and the target,
 
@@ -45,7 +45,7 @@ class FeedForward:
         self._failed = False
         self._now: float | None = None
         self._zero = np.zeros(n_joints)
-        self._gravity = self._held = self._last = self._zero
+        self._torque = self._held = self._last = self._zero
         self.restart()
         self.set_options(options)
 
@@ -88,13 +88,11 @@ class FeedForward:
         reach = math.inf if self._source is None else self._source.reach
         return min(self.options.extrapolation_margin, reach)
 
-    def update(self, now: float, q: FloatArray, qd: FloatArray | None = None) -> FloatArray | None:
+    def update(self, now: float, q: FloatArray) -> FloatArray | None:
         """
         Return the torque (N,) in N·m to publish at pose `q` (N,), None for nothing.
 
         A torque of the model that is not finite counts as missing input for the watchdog.
-
-        :param qd: speed (N,) in rad/s for the torque of effects, None if unknown.
         """
         dt, source = self._step(now, is_message=True), self._source
         if source is None:
@@ -102,18 +100,16 @@ class FeedForward:
             return None
         policy = self.options.extrapolation
         self._pose = pose = q if policy == 'trust' else source.nearest(q, self._pose)
-        gravity = source.torque(pose, policy, self.margin)
-        effects = source.effect_torque(q, qd, self.margin)
-        if not all_finite(gravity):
+        torque = source.torque(pose, policy, self.margin)
+        if not all_finite(torque):
             return None
         silent = not self.enabled and self._is_at_rest()
         turns = np.round((q - pose) / REVOLUTION).tolist()
-        phase = ('model', source, effects is None, *turns) if self.enabled else ('off',)
-        target = self._zero if not self.enabled else self._clipped(
-            gravity if effects is None else gravity + effects)
+        phase = ('model', source, *turns) if self.enabled else ('off',)
+        target = self._clipped(torque) if self.enabled else self._zero
         if phase != self._phase:
             self._begin(phase, target, self.options.ramp_time, is_capped=self.enabled)
-        self._fresh, self._gravity = now, gravity
+        self._fresh, self._torque = now, torque
         return None if silent else self._published(target, dt)
 
     def watch(self, now: float) -> FloatArray | None:
@@ -133,9 +129,8 @@ class FeedForward:
         elif self._is_fading(now):
             phase, target, seconds = 'fade', self._zero, self.options.fade_time
         elif self._phase != ('hold',):
-            # Friction depends on the direction of motion, which is unknown without input.
             self._held = target = (
-                self._last if self._offset.any() else self._clipped(self._gravity))
+                self._last if self._offset.any() else self._clipped(self._torque))
         if self._phase != (phase,):
             self._begin((phase,), target, seconds, is_capped=False)
         return self._published(target, dt)

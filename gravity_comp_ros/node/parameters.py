@@ -11,8 +11,7 @@ from dataclasses import dataclass, field, fields
 import math
 from typing import Any
 
-from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.effects.request import Request, requests
+from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.facts.fact import Kind
 
@@ -149,14 +148,6 @@ class Parameters:
     effects: tuple[str, ...] = parameter(
         (), 'Effects that a full fit estimates jointly with gravity, as `NAME` or `NAME:JOINT`. '
         'Call `~/refit` after a change.')
-    compensate: tuple[str, ...] = parameter(
-        (), 'Effects of the model whose torque is published, as `NAME` or `NAME:JOINT`: '
-        '`coulomb_friction`, `viscous_friction`, `stribeck_friction`, `degressive_friction`, '
-        '`load_dependent_friction`, `torque_offset`, `joint_spring` or `cable_stiffness`. The '
-        'status `feed-forward` lists those that the model has.')
-    compensate_fraction: float = parameter(
-        0.7, 'Fraction of their torque that is published. With the whole friction an arm may '
-        'drift on its own.', '', 0.0, 1.0)
     accept: tuple[str, ...] = parameter(
         (), 'Facts about the samples for which a first model is refused otherwise, by their names '
         'in the reply of `~/refit`, such as `effort_unit`.',
@@ -251,8 +242,8 @@ class Parameters:
         Check the consistency of several parameters.
 
         :param names: the joints of the arm where they are known.
-        :raises OptionError: if two parameters contradict each other, an effect or a joint is
-            unknown, or an effect cannot be compensated.
+        :raises OptionError: if two parameters contradict each other, or an effect or a joint is
+            unknown.
         """
         known = self.joints or names
         n = len(known)
@@ -271,34 +262,14 @@ class Parameters:
             raise OptionError('parameter effort_scale: 0 would erase the effort of a joint; '
                               'remove the joint from `joints` instead')
         if known:
-            self._targets('effects', known)
-            self.compensated(known)
+            try:
+                requests(self.effects, known)
+            except OptionError as problem:
+                raise OptionError(f'parameter effects: {problem}') from problem
         for name in ('min_samples', 'first_samples'):
             if getattr(self, name) > self.full_samples:
                 raise OptionError(f'parameter {name}: {getattr(self, name)} is more than '
                                   f'full_samples, {self.full_samples}')
-
-    def compensated(self, joints: tuple[str, ...]) -> tuple[str, ...]:
-        """
-        Return the effects whose torque is published, as targets like `coulomb_friction:elbow`.
-
-        :raises OptionError: if an effect is unknown or cannot be compensated.
-        """
-        requested = self._targets('compensate', joints)
-        for request in requested:
-            if not request.effect.is_compensable:
-                allowed = [each.name for each in all_effects().values() if each.is_compensable]
-                raise OptionError(
-                    f'parameter compensate: {request.effect.name} is refused; only these depend '
-                    'on pose and speed alone and may be sent to a drive: '
-                    f'{", ".join(allowed)}')
-        return tuple(request.target for request in requested)
-
-    def _targets(self, name: str, joints: tuple[str, ...]) -> list[Request]:
-        try:
-            return requests(getattr(self, name), joints)
-        except OptionError as problem:
-            raise OptionError(f'parameter {name}: {problem}') from problem
 
 
 TABLE = tuple(Parameter(each.name, *_KINDS[str(each.type)], each.default,  # type: ignore[arg-type]

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.data.short_vectors import all_finite
-from gravity_comp_ros.effects.live import Limits, LiveEffects
-from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
+from gravity_comp_ros.effects.live import LiveEffects
+from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.external_torque import (
     ExternalTorque, ExternalTorqueObserver, ExternalTorqueOptions)
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.node.messages import CompleteReading, Reading
 from gravity_comp_ros.node.options import NODE
-from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
 REVOLUTION = 2.0 * math.pi
@@ -28,16 +26,14 @@ PER_JOINT_REACH = ExternalTorqueOptions().margin
 @dataclass(frozen=True, eq=False)
 class TorqueSource:
     """
-    A model for the feed-forward: predict (N,) → (N,), and its trained range.
+    A model for the feed-forward: the static torque (N,) in N·m at a pose, and its trained range.
 
-    `reach` in rad bounds the margin of extrapolation. `effects`, a torque (N,) in N·m at a pose
-    and a speed (N,), are added to gravity.
+    `reach` in rad bounds the margin of extrapolation.
     """
 
     predict: Callable[[FloatArray], FloatArray]
     coverage: Coverage
     reach: float = math.inf
-    effects: Callable[[FloatArray, FloatArray], FloatArray] | None = None
 
     def nearest(self, q: FloatArray, last: FloatArray | None = None) -> FloatArray:
         """
@@ -61,7 +57,7 @@ class TorqueSource:
 
     def torque(self, q: FloatArray, policy: str, margin: float) -> FloatArray:
         """
-        Return gravity (N,) in N·m, by the policy beyond the margin in rad.
+        Return the torque (N,) in N·m, by the policy beyond the margin in rad.
 
         :param q: pose (N,), rad, the `nearest` one.
         """
@@ -73,14 +69,6 @@ class TorqueSource:
         if policy == 'hold':
             return self.predict(inside)
         return self.predict(q) * max(0.0, 1.0 - outside / margin)
-
-    def effect_torque(self, q: FloatArray, qd: FloatArray | None,
-                      margin: float) -> FloatArray | None:
-        """Return the torque of the effects (N,) in N·m; None without any, far away or unknown."""
-        if self.effects is None or qd is None or (self.coverage.distance(q) > margin).any():
-            return None
-        torque = self.effects(q, qd)
-        return torque if all_finite(torque) else None
 
 
 def std_of(model: GravityModel, q: FloatArray) -> FloatArray:
@@ -95,32 +83,31 @@ class ModelInUse:
     """
     A model with its effects, sample by sample in order of time.
 
-    `source` is the torque to publish, `compensated` the effects in it, as `NAME:JOINT`. `problem`
-    is the reason why another effect of the parameter `compensate` is not sent, else empty.
+    `source` is the torque to publish: gravity and the static effects `published` (`NAME:JOINT`).
+    `problem` gives the reason why another effect of the model is left out, else it is empty.
     """
 
-    def __init__(self, model: GravityModel, settings: Parameters) -> None:
+    def __init__(self, model: GravityModel) -> None:
         self.model = model
         # Friction that persists at rest has a memory: one of the messages, one of the samples.
         self._effects, self._effects_of_samples = (
             LiveEffects(model, model.applied.effects) for _ in range(2))
         self._fitted = LiveEffects(model, model.fitted.effects)
         self._external: ExternalTorqueObserver | None = None
-        self.compensate(settings)
+        known, rest = all_effects(), np.zeros(model.n_joints)
+        static = LiveEffects(model, [effect for effect in model.applied.effects
+                                     if effect.name in known and known[effect.name].is_static])
+        self.published, self.problem = static.targets, self._effects.problem
+        if static.left_out and not self.problem:
+            self.problem = f'without {", ".join(static.left_out)}, which depends on time'
 
-    def compensate(self, settings: Parameters) -> None:
-        """Send the effects that the settings list."""
-        model, requested = self.model, settings.compensated(self.model.joints)
-        sent = LiveEffects(
-            model, [effect for effect in model.applied.effects if effect.target in requested],
-            Limits(settings.compensate_fraction, COMPENSATION_SPEED, settings.max_speed))
-        self.compensated, self.problem = sent.targets, self._effects.problem
-        if requested and not sent.targets and not self.problem:
-            self.problem = 'the model has none of the effects to compensate'
+        def torque(q: FloatArray) -> FloatArray:
+            gravity = model.predict_one(q)
+            return gravity + static.torque(q, rest, gravity)
+
         self.source = TorqueSource(
-            model.predict_one, model.coverage,
-            PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf,
-            (lambda q, qd: sent.torque(q, qd, model.predict_one(q))) if sent.targets else None)
+            torque if static.targets else model.predict_one, model.coverage,
+            PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf)
 
     def predicted(self, reading: Reading) -> FloatArray:
         """Return gravity (N,) in N·m plus all effects that depend on pose and speed alone."""

@@ -208,7 +208,7 @@ def test_parameters_and_storms_of_calls(iiwa_model_file, bags, tmp_path):
             result = set_parameter(probe, name, value)
             assert not result.successful and why in result.reason, (name, result)
         for name, value in (('max_torque', [100.0]), ('max_speed', 1.0),
-                            ('compensate', ['coulomb_friction'])):
+                            ('effects', ['coulomb_friction'])):
             assert set_parameter(probe, name, value).successful
         for name in ('refit', 'payload_changed', 'rollback', 'diagnose', 'save_model'):
             storm = [probe.call_async(name) for _ in range(CALLS if name == 'refit' else 20)]

@@ -1,15 +1,11 @@
-"""Effects from pose and speed alone: equal to the library, limited for compensation."""
+"""Effects from pose and speed alone: equal to the library."""
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.effects.effect import Needs
-from gravity_comp_ros.effects.live import Limits, LiveEffects
+from gravity_comp_ros.effects.live import LiveEffects
 from gravity_comp_ros.effects.predict import effect_torque
-from gravity_comp_ros.effects.registry import library_effects
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 import pytest
 
@@ -75,36 +71,6 @@ def test_friction_with_a_memory_persists_at_rest_in_spite_of_encoder_noise():
     assert min(noisy) > 1.8
 
 
-@pytest.mark.parametrize('friction', [
-    EFFECTS[0], effect('coulomb_friction', 'a', {'distance': 0.001}, F_c=2.0)])
-def test_compensated_friction_is_a_fraction_and_smooth_at_rest(friction):
-    sent = LiveEffects(model(EFFECTS[:2]), [friction],
-                       Limits(0.5, 0.02, 0.1))
-    assert sent.targets == ('coulomb_friction:a',)
-
-    def at(speed):
-        return sent.torque(np.zeros(2), np.array([speed, 0.0]), np.zeros(2))
-
-    np.testing.assert_allclose(at(0.02), [0.5 * 2.0 * np.tanh(1.0), 0.0])
-    np.testing.assert_allclose(at(0.0), [0.0, 0.0])
-    np.testing.assert_allclose(at(-9.0), -at(9.0))
-
-
-def test_friction_that_differs_by_direction_is_sent_in_motion():
-    friction = effect('asymmetric_friction', 'b', {'distance': 0.02, 'skew': 0.4}, F_a=0.5)
-    sent = LiveEffects(model((friction,)), [friction], Limits(1.0, 0.02, 0.1))
-    for speed in (0.1, -0.1):
-        torque = sent.torque(np.zeros(2), np.array([0.0, speed]), np.zeros(2))
-        np.testing.assert_allclose(torque, [0.0, 0.5 * np.tanh(5.0)])
-
-
-def test_speeds_are_clipped_to_the_trained_range():
-    sent = LiveEffects(model(EFFECTS[1:2]), EFFECTS[1:2],
-                       Limits(1.0, 0.02, 0.1))
-    np.testing.assert_allclose(sent.torque(np.zeros(2), np.array([5.0, 0.0]), np.zeros(2)),
-                               [1.0, 0.0])
-
-
 def test_an_effect_of_another_version_is_left_out_before_the_loop():
     for one in (effect('stribeck_friction', 'a', F_s=1.0),
                 effect('coulomb_friction', 'a', {'width': WIDTH}, F_x=1.0),
@@ -116,19 +82,3 @@ def test_an_effect_of_another_version_is_left_out_before_the_loop():
     drift = effect('torque_drift', 'a', {'origin': 0.0, 'time': 100.0}, r=1.0, b=2.0)
     result = LiveEffects(model((drift,)), [drift])
     assert result.targets == () and result.left_out == ('torque_drift:a',)
-
-
-def test_only_safe_effects_are_compensable():
-    assert all(one.needs is Needs.SPEED for one in library_effects().values()
-               if one.is_compensable)
-    def compensated(*targets):
-        return Parameters(joints=('a', 'b'), compensate=targets).compensated(('a', 'b'))
-
-    assert compensated('coulomb_friction:b', 'viscous_friction') == (
-        'coulomb_friction:b', 'viscous_friction:a', 'viscous_friction:b')
-    for name in ('rigid_body_dynamics', 'time_delay:a', 'end_stop', 'torque_gain:b',
-                 'torque_ripple:a'):
-        with pytest.raises(OptionError, match='refused'):
-            compensated(name)
-    with pytest.raises(OptionError, match='did you mean coulomb_friction'):
-        compensated('coulomb_fricton')

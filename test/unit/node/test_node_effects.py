@@ -1,4 +1,4 @@
-"""Effects in the node: fitted on request, kept after a tool change, compensated if selected."""
+"""Effects in the node: fitted on request, kept after a tool change, published if static."""
 
 from dataclasses import replace
 import time
@@ -6,10 +6,10 @@ import time
 from bench.shared.node_messages import joint_state, refit, send_message, until
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
+from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.job_messages import DIAGNOSIS
-from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.torque_source import ModelInUse
 import numpy as np
 import pytest
@@ -86,10 +86,10 @@ def test_a_per_joint_model_is_held_near_its_range():
     samples = JointSamples.single_run(['a', 'b'], t, q, qd, gravity(q))
     for formulation, reach in (('per_joint', 0.1), ('potential', np.inf)):
         model = fit(samples, FitOptions(formulation)).model
-        assert ModelInUse(model, Parameters()).source.reach == reach
+        assert ModelInUse(model).source.reach == reach
 
 
-def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
+def test_effects_are_fitted_on_request_and_friction_is_not_published(node):
     t, _ = feed(node, 1.0, 60)
     change(node, effects=('coulomb_friction:a',))
     success, text = refit(node)
@@ -103,18 +103,9 @@ def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
     assert result.target == 'coulomb_friction:a'
     assert result.coefficients['F_c'].value == pytest.approx(FRICTION, rel=0.1)
 
-    # The published torque is gravity until friction is selected.
+    # Overcompensated friction destabilises an arm.
     q, qd = np.array([0.3, 0.2]), np.array([0.1, 0.1])
-    gravity = node.models.model.predict_one(q)
-    np.testing.assert_allclose(send(node, t, q, qd, 0 * q), gravity)
-    change(node, compensate=('coulomb_friction',), compensate_fraction=0.5)
-    sent = send(node, t + 0.1, q, qd, 0 * q) - gravity
-    np.testing.assert_allclose(sent, [0.5 * FRICTION * np.tanh(0.1 / 0.02), 0.0], rtol=0.1)
-    status = {s.name: s for s in node.statuses(t + 0.1)}['feed-forward']
-    assert status.level == OK and status.values['compensated effects'] == 'coulomb_friction:a'
-    # Without a speed the direction of friction is unknown.
-    tau = send(node, t + 2.0, q)
-    np.testing.assert_allclose(tau, gravity)
+    np.testing.assert_allclose(send(node, t, q, qd, 0 * q), node.models.model.predict_one(q))
 
 
 def test_diagnose_names_the_missing_effect(node):
@@ -145,10 +136,26 @@ def test_effects_stay_when_the_payload_changes(node):
     assert all(s.level == OK for s in node.statuses(t) if s.name.startswith('joint'))
 
 
-def test_an_effect_that_the_model_does_not_have_is_not_compensated(node):
-    change(node, compensate=('viscous_friction:b',))
-    t, tau = feed(node, 1.0, 2)
-    status = {s.name: s for s in node.statuses(t)}['feed-forward']
-    assert status.level == WARN and 'none of the effects to compensate' in status.message
-    q, _ = motion(t - 0.2)
-    np.testing.assert_allclose(tau, node.models.model.predict_one(q))
+def test_what_holds_the_arm_is_published(model_file, nodes, tmp_path):
+    """Gravity and the static effects of the model; those that depend on time are named."""
+    def applied(name, joint, setting=None, **values):
+        return AppliedEffect(name, joint, setting or {}, {
+            symbol: Value(value, '', (value, value)) for symbol, value in values.items()})
+
+    effects = (applied('joint_spring', 'b', {'centre': 0.1, 'overtones': 0.0}, k=2.0, m=0.0),
+               applied('torque_offset', 'a', b=0.7),
+               applied('coulomb_friction', 'a', {'width': 0.005}, F_c=FRICTION))
+    model, path, q = load_model(model_file), tmp_path / 'model.json', np.array([0.3, 0.2])
+    for extra, level in (((), OK), ((applied(
+            'encoder_offset', 'a', {'run': 0.0, 'time': 0.0, 'clock': 0.0}, delta=0.1),), WARN)):
+        save_model(path, replace(model, applied=Applied((*effects, *extra))))
+        node = nodes.make(model_file=str(path), ramp_time=0.0, max_torque_rate=(), max_age=0.0,
+                          max_torque=(50.0,))
+        np.testing.assert_allclose(send(node, 1.0, q, 0 * q + 0.1, 0 * q),
+                                   model.predict_one(q) + [0.7, 2.0 * 0.1])
+        status = {s.name: s for s in node.statuses(1.0)}['feed-forward']
+        assert status.level == level
+        assert set(status.values['static effects'].split(', ')) == {
+            'joint_spring:b', 'torque_offset:a'}
+        assert all(effect.target in status.message for effect in extra)
+    nodes.close()

@@ -17,34 +17,29 @@ FREE = Parameters(ramp_time=1.0, max_torque_rate=(), extrapolation='trust',
                   stale_after=0.3, hold_time=0.5, fade_time=2.0)
 
 
-def source(predict, effects=None, reach=math.inf, high=1.0):
+def source(predict, reach=math.inf, high=1.0):
     """Return a source of torque with a trained range from -1 rad."""
-    return TorqueSource(predict, Coverage(np.array([-1.0]), np.array([high]), 1), reach, effects)
+    return TorqueSource(predict, Coverage(np.array([-1.0]), np.array([high]), 1), reach)
 
 
-def constant(torque, effects=None):
-    return source(lambda q: np.full(1, float(torque)), effects)
+def constant(torque):
+    return source(lambda q: np.full(1, float(torque)))
 
 
 def linear(slope=10.0):
     return source(lambda q: slope * q)
 
 
-def effect(size):
-    """Return an effect of one size that is unknown without a speed."""
-    return lambda q, qd: None if qd is None else np.full(1, size)
-
-
-def played(feed, start, n, q=Q, qd=Q, step=0.1):
+def played(feed, start, n, q=Q, step=0.1):
     """Return the torques for n messages, None for none."""
-    torques = [feed.update(start + step * k, q, qd) for k in range(n)]
+    torques = [feed.update(start + step * k, q) for k in range(n)]
     return [None if tau is None else float(tau[0]) for tau in torques]
 
 
 def started(options=FREE, torque=10.0):
     feed = FeedForward(1, options)
     feed.use(constant(torque))
-    played(feed, 0.0, 26, qd=None)
+    played(feed, 0.0, 26)
     return feed, 2.5
 
 
@@ -71,15 +66,11 @@ def test_after_a_pause_of_the_life_cycle_torque_goes_on_from_that_published_last
     np.testing.assert_allclose(played(feed, t + 60.0, 11), expected, atol=1e-9)
 
 
-@pytest.mark.parametrize('first, then', [
-    (constant(20.0), constant(0.0)), (constant(10.0, effect(3.0)), constant(10.0, effect(7.0))),
-    (constant(10.0, effect(3.0)), constant(10.0))], ids=['model', 'effect', 'no effect'])
-def test_a_change_is_a_ramp_also_within_another_ramp(first, then):
+def test_a_change_is_a_ramp_also_within_another_ramp():
     feed, t = started()
-    for each, n in ((first, 5), (then, 10)):
+    for target, n in ((20.0, 5), (0.0, 10)):
         before = played(feed, t, 1)[0]
-        feed.use(each)
-        target = float(each.predict(Q)[0] + (each.effects(Q, Q)[0] if each.effects else 0.0))
+        feed.use(constant(target))
         np.testing.assert_allclose(
             played(feed, t + 0.1, n), before + (target - before) * 0.1 * np.arange(1, n + 1),
             atol=1e-6)
@@ -157,15 +148,6 @@ def test_stale_input_holds_then_fades_to_zero_then_publishes_nothing():
     assert feed.watch(t + 3.0) is None
     feed, t = started(replace(FREE, stale_action='hold'))
     assert float(feed.watch(t + 1e6)[0]) == 10.0
-
-
-def test_effects_ramp_to_zero_on_stale_input_and_gravity_is_held():
-    feed, t = started()
-    feed.use(constant(10.0, effect(3.0)))
-    assert played(feed, t + 0.1, 12)[-1] == pytest.approx(13.0)
-    drop = np.concatenate([feed.watch(t + 1.51 + 0.05 * k) for k in range(10)])
-    # After 0.45 s of a ramp of 1 s about half of the effects remains.
-    assert drop[0] < 13.0 and (np.diff(drop) <= 1e-12).all() and 10.0 <= drop[-1] < 11.6
 
 
 def test_torque_and_its_rate_are_limited():
@@ -247,59 +229,6 @@ def test_no_sequence_of_events_exceeds_the_limits(script, policy):
             assert abs(float(tau[0]) - last) <= 50.0 * budget + 1e-9
             budget -= abs(float(tau[0]) - last) / 50.0
             last = float(tau[0])
-
-
-def test_effects_end_beyond_the_margin_and_stay_within_limits():
-    feed = FeedForward(1, replace(FREE, ramp_time=0.0, max_torque=(11.0,),
-                                  extrapolation_margin=0.5))
-    feed.use(constant(10.0, lambda q, qd: qd))
-    assert feed.update(0.0, Q, np.array([3.0])) == pytest.approx(11.0)
-    assert feed.update(0.1, Q + 1.4, np.array([-3.0])) == pytest.approx(7.0)
-    assert feed.update(0.2, Q + 1.6, np.array([-3.0])) == pytest.approx(10.0)
-    assert feed.update(0.3, Q, np.array([np.nan])) == pytest.approx(10.0)
-    assert feed.update(0.4, Q) == pytest.approx(10.0)
-
-
-def test_friction_in_transition_has_the_direction_of_the_motion():
-    feed, t = started()
-    feed.use(constant(10.0, lambda q, qd: None if qd is None else 3.0 * np.sign(qd)))
-    up, down = np.array([0.1]), np.array([-0.1])
-    assert float(feed.update(t + 0.1, Q, up)[0]) == pytest.approx(10.3)
-    # The reversal is that of the target, and no more.
-    assert float(feed.update(t + 0.2, Q, down)[0]) == pytest.approx(7.0)
-    assert float(feed.update(t + 0.3, Q, down)[0]) == pytest.approx(7.0)
-
-
-@given(st.lists(st.sampled_from(['other', 'none', 'far', 'near', 'no speed', 'pause']),
-                max_size=40))
-@settings(max_examples=80)
-def test_effects_never_step(events):
-    """Whatever happens, the torque changes by at most 2 % of its largest change in 10 ms."""
-    feed = FeedForward(1, replace(FREE, extrapolation='hold', extrapolation_margin=0.5))
-    feed.use(constant(10.0))
-    for k in range(101):
-        feed.update(0.01 * k, Q, Q)
-    now, q, qd, size, last = 1.0, Q, Q, 3.0, 10.0
-    for event in events:
-        if event == 'other':
-            size = -size
-            feed.use(constant(10.0, effect(size)))
-        elif event == 'none':
-            feed.use(constant(10.0))
-        elif event in ('far', 'near'):
-            q = Q + (2.0 if event == 'far' else 0.0)
-        elif event == 'no speed':
-            qd = None if qd is not None else Q
-        for k in range(7):
-            now += 0.01
-            tau = feed.watch(now) if event == 'pause' else feed.update(now, q, qd)
-            if tau is not None:
-                assert abs(float(tau[0]) - last) <= 0.02 * 6.0 + 1e-6
-                last = float(tau[0])
-    feed.use(constant(10.0, effect(2.0)))
-    for k in range(400):
-        tau = feed.update(now + 0.01 * (k + 1), Q, Q)
-    assert float(tau[0]) == pytest.approx(12.0)
 
 
 def test_the_watchdog_works_after_the_clock_was_set_back():
