@@ -9,7 +9,7 @@ session ids that the server has signed and put into a page.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from hmac import compare_digest
 from ipaddress import ip_address
 from pathlib import Path
@@ -182,11 +182,13 @@ class UploadHandler(RequestHandler):
         if not self._file.tell():
             self._refuse(415, _OTHER_FORMAT)
             return
-        self._file.close()
-        self._path.with_suffix(_PARTIAL).rename(self._path)
-        self._file = UploadHandler._running = None
-        self._session.add_recording(self._path)
-        self.set_status(204)
+        with self._saving():
+            # A full disk may show only now.
+            self._file.close()
+            self._path.with_suffix(_PARTIAL).rename(self._path)
+            self._file = UploadHandler._running = None
+            self._session.add_recording(self._path)
+            self.set_status(204)
 
     def on_connection_close(self) -> None:
         """Delete an incomplete file."""
@@ -200,9 +202,10 @@ class UploadHandler(RequestHandler):
 
     def _drop(self) -> None:
         if self._file is not None:
-            self._file.close()
-            self._path.with_suffix(_PARTIAL).unlink(missing_ok=True)
             UploadHandler._running = None
+            with suppress(OSError):
+                self._file.close()
+            self._path.with_suffix(_PARTIAL).unlink(missing_ok=True)
         self._file = None
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import http.client
 import inspect
 import logging
+from pathlib import Path
 import re
 import threading
 import urllib.parse
@@ -143,6 +144,9 @@ def test_uploads_are_checked_and_limited(served, monkeypatch):
     assert put(place + 'a.mcap', **own)[0] == 413
     monkeypatch.setattr(access, 'MAX_BYTES', len(recording))
     monkeypatch.setattr(access, 'MAX_TOTAL', 2 * len(recording) - 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, 'rename', lambda *_: (_ for _ in ()).throw(OSError(28, 'disk full')))
+        assert put(place + 'a.mcap', **own) == (507, 'cannot save the file: disk full')
     # The name is not used as a path; the file is in the folder of its session.
     name = urllib.parse.quote('../../<img src=x> $$x$$.mcap')
     assert put(place + name, **own)[0] == 204
