@@ -6,6 +6,7 @@ from bokeh.models import BasicTickFormatter, Select
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.least_squares import lstsq
+from gravity_comp_ros.recordings.defects import DEFECTS
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT
 from gravity_comp_ros.report.section import by_joint, Section
@@ -20,16 +21,17 @@ def over_time(samples: JointSamples, residual: FloatArray) -> tuple[FloatArray, 
     """
     Return frequencies in Hz and the amplitude density of one joint's residual, N·m/sqrt(Hz).
 
-    The spectrum is Welch's average over runs, weighted by their length, after interpolation to a
-    uniform grid. Both arrays are empty if no run has 16 samples.
+    The spectrum is Welch's average over runs and their parts between gaps, weighted by their
+    length, after interpolation to a uniform grid. Both arrays are empty if no part has 16 samples.
 
     :param residual: (M,) in N·m.
     """
-    steps = np.diff(samples.t)[np.diff(samples.runs) == 0]
-    step = float(np.median(steps)) if len(steps) else 0.0
-    grids = [(np.arange(run.t[0], run.t[-1], step), run.t, residual[samples.runs == number])
-             for number, run in enumerate(samples.each_run()) if len(run) and step > 0.0]
-    grids = [each for each in grids if len(each[0]) >= _MIN_SAMPLES]
+    steps, same = np.diff(samples.t), np.diff(samples.runs) == 0
+    step = float(np.median(steps[same])) if same.any() else 1.0
+    ends = np.flatnonzero(~same | (steps > DEFECTS.gap_steps * step)) + 1
+    grids = [(np.arange(t[0], t[-1], step), t, values)
+             for t, values in zip(np.split(samples.t, ends), np.split(residual, ends))
+             if len(t) >= _MIN_SAMPLES]
     if not grids:
         return np.zeros(0), np.zeros(0)
     from scipy import signal  # imported here because it takes 0.5 s

@@ -71,6 +71,11 @@ def test_an_oscillation_is_found_at_its_frequency():
     frequency, density = over_time(samples, residual)
     assert abs(frequency[np.argmax(density)] - 12.5) < 0.1
     assert len(frequency) <= 2048
+    # A gap of a night is not interpolated.
+    t[2000:] += 40_000.0
+    gap = over_time(JointSamples.single_run(('a',), t, zero, zero, residual[:, None]), residual)
+    assert gap[1].max() == pytest.approx(density.max(), rel=0.4)
+    assert abs(gap[0][np.argmax(gap[1])] - 12.5) < 0.1
     # Short runs and joints at rest have no spectrum.
     short = two_links(count=10)
     assert len(over_time(short, short.tau[:, 0])[0]) == 0
