@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
-from bench.shared.planning_arm import model, NAMES, NOISE, one_way, played
+from bench.shared.planning_arm import model, NAMES, one_way, played
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis.diagnose import conclude
@@ -12,10 +12,9 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.criterion import _evidence, Criterion, Gravity
+from gravity_comp_ros.planning.criterion import _evidence, Gravity
 from gravity_comp_ros.planning.questions import named_targets, open_targets, questions_of
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
-from gravity_comp_ros.planning.sums import row_seconds, Sums
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
 from gravity_comp_ros.regression.gains import gain, score_of

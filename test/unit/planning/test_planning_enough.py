@@ -1,4 +1,4 @@
-"""Motion that gravity needs and that recordings lack; collisions of planned motion."""
+"""Motion that gravity needs; collisions of planned motion."""
 
 from dataclasses import replace
 import json
