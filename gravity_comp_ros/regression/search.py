@@ -111,8 +111,9 @@ class Search:
         for gain, term in chosen:
             if gain < _TOGETHER * chosen[0][0]:
                 break
-            term, _ = self.refined(self.posterior, term)
-            changed |= self.accept((*self.terms, term), f'add {gain:.1f}')
+            term, gain = self.refined(self.posterior, term)
+            changed |= gain > self.options.min_gain and self.accept(
+                (*self.terms, term), f'add {gain:.1f}')
         return changed
 
     def _rankings(self) -> Iterator[Iterator[tuple[float, Term]]]:
@@ -220,6 +221,21 @@ class Search:
         new = self.common.at(new, common_of(rest, new.joint))
         return tuple(new if term is old else term for term in self.terms)
 
+    def _with_refined(self, trial: Posterior) -> Posterior:
+        """
+        Return a posterior with refined settings on the joints of its new terms.
+
+        The volume of a setting depends on the other terms. Without it the next refinement would
+        lower the evidence for which the terms were accepted.
+        """
+        joints = {term.joint for term in trial.terms if term not in self.terms}
+        for term in trial.terms:
+            if term.joint in joints and term.key not in self.forced:
+                best, _ = self.refined(trial.without((term,)), term)
+                if best is not term:
+                    trial = self.solved(tuple(best if t is term else t for t in trial.terms))
+        return trial
+
     def accept(self, terms: Terms, move: str, minimum: float | None = None) -> bool:
         """Take other terms if their evidence is higher."""
         if not is_consistent(terms):
@@ -228,12 +244,15 @@ class Search:
         gain = trial.log_evidence - self.posterior.log_evidence
         if minimum is None:
             minimum = self.options.significant
+            if gain > minimum:
+                trial = self._with_refined(trial)
+                gain = trial.log_evidence - self.posterior.log_evidence
         else:
             # The same terms at other settings: the better ones, whatever share of all they are.
             gain -= sum(t.log_volume for t in terms) - sum(t.log_volume for t in self.terms)
         if gain <= minimum:
             return False
-        new = [t for t in terms if t not in self.terms]
+        new = [t for t in trial.terms if t not in self.terms]
         self.log(f'  {move} {[(*t.key, t.setting) for t in new]} {gain:.1f}')
         self.posterior = trial
         return minimum > 0.0
