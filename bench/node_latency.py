@@ -2,20 +2,18 @@
 """
 Latency from joint state to torque of the node and of a bare rclpy echo, without and with fits.
 
-    python3 -m bench.node_latency [--rate 1000] [--seconds 40] [--turn 2] [--topic T] [--realtime]
+    python3 -m bench.node_latency [--rate 1000] [--seconds 40] [--turn 2]
 
 Joint states of seven joints in slow motion go to one of the two nodes at a time, in turns of some
 seconds, so that other load affects both. The sender measures the time from publication to reply.
-`--seconds` is the time for each node, first without fits, then with fits all the time.
-`--realtime` (as root) gives sender, echo and node, but not the fit process, the priority of a
-control loop (SCHED_FIFO). With the defaults it takes three and a half minutes.
+`--seconds` is the time for each node, first without fits, then with fits all the time. With the
+defaults it takes three and a half minutes.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-import json
 import os
 from pathlib import Path
 import signal
@@ -44,7 +42,6 @@ TOPICS = {'echo': ('to_echo', 'from_echo'),
           'node': ('to_node', 'gravity_comp/gravity_torques')}
 # Motion before the first phase, and time for late replies at the end of a part, s.
 WARM_UP, LATE = 10.0, 0.2
-PRIORITY = 10
 # Latencies of one phase in ms, and the number of messages, of each node.
 Measured = dict[str, tuple[list[float], int]]
 
@@ -160,12 +157,6 @@ class Sender:
                 times.append((time.perf_counter_ns() - then) / 1e6)
 
 
-def realtime(pid: int) -> None:
-    """Give all threads of a process real-time priority; its children keep theirs."""
-    for thread in Path(f'/proc/{pid}/task').iterdir():
-        os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(PRIORITY))
-
-
 def compare(args: argparse.Namespace, model: Path) -> dict[str, Any]:
     """Run both nodes; return the figures of each phase."""
     save_model(model, fit(read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples).model)
@@ -180,9 +171,6 @@ def compare(args: argparse.Namespace, model: Path) -> dict[str, Any]:
     try:
         sender = Sender(args.rate)
         sender.until_connected()
-        if args.realtime:
-            for pid in (os.getpid(), *(process.pid for process in processes)):
-                realtime(pid)
         for name in TOPICS:
             sender.send(name, WARM_UP)
         result = {label: figures(sender.phase(args.seconds, args.turn, with_fits))
@@ -212,14 +200,10 @@ def main() -> None:
     parser.add_argument('--rate', type=float, default=1000.0)
     parser.add_argument('--seconds', type=float, default=40.0)
     parser.add_argument('--turn', type=float, default=2.0)
-    parser.add_argument('--realtime', action='store_true')
-    parser.add_argument('--topic', default='gravity_torques', help='output of the node')
-    parser.add_argument('--json', type=Path)
     parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.echo:
         return echo()
-    TOPICS['node'] = TOPICS['node'][0], f'gravity_comp/{args.topic}'
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     rclpy.init()
@@ -232,8 +216,6 @@ def main() -> None:
         ratio = result[phase]['node']['p99'] / result[phase]['echo']['p99']
         print(f'{phase:12} p99 of the node is {ratio:.2f} times that of the echo')
     print(f'fits: {result["fits"]}')
-    if args.json:
-        args.json.write_text(json.dumps(result, indent=1) + '\n')
 
 
 if __name__ == '__main__':

@@ -43,8 +43,8 @@ def seven() -> TestArm:
 
 def six() -> TestArm:
     """Return an arm with the axes of a UR10, with a multisine motion."""
-    from bench.real_robots.data_sheets import description
-    text = description('ur10', tuple(f'joint_{k}' for k in range(1, 7)))
+    from bench.real_robots.arms import data_sheet_urdf
+    text = data_sheet_urdf('ur10', tuple(f'joint_{k}' for k in range(1, 7)))
     for mass, centre in _SIX:
         text = text.replace('<inertial><mass value="1"/>',
                             f'<inertial><origin xyz="{centre}"/><mass value="{mass}"/>', 1)

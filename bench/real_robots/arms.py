@@ -4,12 +4,15 @@ Fourteen real arms, five to seven revolute joints, from the descriptions of `exa
 Joints that do not belong to the chain (torso, head, legs, other arm, fingers) are locked at their
 neutral position, at 0 or at the middle of their limits if 0 is outside. The URDF of the chain
 that remains is the only source of the simulated arm, so that description and simulation agree.
+
+Three further ones have joint axes from the makers' data sheets (`data_sheet_urdf`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+import math
 from pathlib import Path
 import tempfile
 from xml.etree import ElementTree
@@ -20,6 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 PACKAGE = 'example-robot-data'
+_HALF = math.pi / 2
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,16 @@ SOURCES: dict[str, Source] = {
         'WristPitch'))),
     'talos': Source('talos_data/robots/talos_reduced.urdf', _numbered('arm_left_{}_joint', 7)),
 }
+
+
+# D-H parameters after J. J. Craig: a (m) and alpha (rad) of the previous link, d (m) of the joint.
+_UR10 = ((0.0, 0.0, 0.1273), (0.0, _HALF, 0.0), (-0.612, 0.0, 0.0), (-0.5723, 0.0, 0.163941),
+         (0.0, _HALF, 0.1157), (0.0, -_HALF, 0.0922))
+_PANDA = ((0.0, 0.0, 0.333), (0.0, -_HALF, 0.0), (0.0, _HALF, 0.316), (0.0825, _HALF, 0.0),
+          (-0.0825, -_HALF, 0.384), (0.0, _HALF, 0.0), (0.088, _HALF, 0.0))
+_MED7 = ((0.0, 0.0, 0.34), (0.0, -_HALF, 0.0), (0.0, _HALF, 0.4), (0.0, _HALF, 0.0),
+         (0.0, -_HALF, 0.4), (0.0, -_HALF, 0.0), (0.0, _HALF, 0.126))
+DATA_SHEETS = {'ur10': _UR10, 'panda': _PANDA, 'med7': _MED7}
 
 
 def descriptions() -> Path | None:
@@ -150,3 +164,21 @@ def _limits(model: pin.Model, n: int) -> tuple[float, float]:
 
 def _text(values: np.ndarray) -> str:
     return ' '.join(repr(float(x)) for x in values)
+
+
+def data_sheet_urdf(arm: str, joints: tuple[str, ...]) -> str:
+    """
+    Return the URDF of an arm (a key of `DATA_SHEETS`) with the given joint names.
+
+    Masses are not real: every link has 1 kg, so that Pinocchio accepts the description as well.
+    """
+    parts = ['<robot name="arm"><link name="link_0"/>']
+    for n, (name, (a, alpha, d)) in enumerate(zip(joints, DATA_SHEETS[arm]), 1):
+        xyz = f'{a} {-math.sin(alpha) * d} {math.cos(alpha) * d}'
+        parts.append(
+            f'<link name="link_{n}"><inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" '
+            f'izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="{name}" type="revolute"><parent link="link_{n - 1}"/>'
+            f'<child link="link_{n}"/><origin xyz="{xyz}" rpy="{alpha} 0 0"/><axis xyz="0 0 1"/>'
+            f'<limit lower="-6.3" upper="6.3" effort="400" velocity="4"/></joint>')
+    return ''.join([*parts, '</robot>'])

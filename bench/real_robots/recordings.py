@@ -5,9 +5,9 @@ Run from the root of the repository; an arm's name before its recording adds its
 
     python -m bench.real_robots.recordings ur10=ur10.db3 panda=panda.db3 tiago=tiago.csv
 
-Axes are those of the makers' data sheets (`data_sheets`), of TIAGo those of its description
-(`arms`). Its table has motor currents; gear ratios and torque constants are those of its
-publisher (figaroh-plus), and the torso lift is left out.
+Axes are those of the makers' data sheets, of TIAGo those of its description (`arms`). Its table
+has motor currents; gear ratios and torque constants are those of its publisher (figaroh-plus), and
+the torso lift is left out.
 
 The first 70 % of each recording are fitted and diagnosed, the last 30 % are compared. Errors are
 RMSE over the standard deviation of the torque, in percent, joint by joint, with their mean: of
@@ -22,8 +22,7 @@ import argparse
 from pathlib import Path
 import tempfile
 
-from bench.real_robots.arms import SOURCES, urdf
-from bench.real_robots.data_sheets import ARMS, description
+from bench.real_robots.arms import data_sheet_urdf, DATA_SHEETS, SOURCES, urdf
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -45,8 +44,8 @@ def main() -> int:
     parser.add_argument('bags', nargs='+', metavar='[ARM=]BAG')
     for text in parser.parse_args().bags:
         arm, _, bag = text.rpartition('=')
-        if arm and arm not in (*ARMS, _TIAGO):
-            parser.error(f'no arm {arm}; available: {", ".join((*ARMS, _TIAGO))}')
+        if arm and arm not in (*DATA_SHEETS, _TIAGO):
+            parser.error(f'no arm {arm}; available: {", ".join((*DATA_SHEETS, _TIAGO))}')
         data = table(Path(bag)) if bag.endswith('.csv') else gc.read(bag)
         t = data.samples.t
         split = t[0] + _FITTED * (t[-1] - t[0])
@@ -57,7 +56,7 @@ def main() -> int:
         if arm:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / f'{arm}.urdf'
-                path.write_text(urdf(arm) if arm == _TIAGO else description(arm, data.joints))
+                path.write_text(urdf(arm) if arm == _TIAGO else data_sheet_urdf(arm, data.joints))
                 print('with the description of the arm')
                 loop(early, later, path)
                 print_shares('reference', reference(path, early.samples, later.samples))
