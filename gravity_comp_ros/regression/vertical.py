@@ -34,8 +34,8 @@ MAX_FITTED_TILT = np.radians(20.0)
 _MIN_GAIN = 12.0
 # The arm is mounted upside down if that lowers the share of moments that non-negative masses do
 # not reach below this multiple. The share of three real arms is 1 to 8 %, and 72 to 99 % when
-# inverted; of randomly drawn arms 10 to 30 % and 30 to 80 %. Of 216 simulated recordings on a
-# floor none is inverted, of 162 on a ceiling 19 are not (bench/vertical.py).
+# inverted; of randomly drawn arms 10 to 30 % and 30 to 80 %, so that some of these on a ceiling
+# are not recognised.
 _INVERTED = 0.7
 # Error of the moments of a nominal arm, as a share of the largest torque.
 _NOMINAL_ERROR = 0.05

@@ -96,6 +96,9 @@ def test_a_perfect_answer_is_right(drawn):
     assert result.error == pytest.approx(1.0) and result.static == 0.0
     (interval,) = result.intervals
     assert interval.covers and interval.true == (0.5, 0.5)
+    text = table([{'case': 'one', 'hidden': ['torque_offset:2'], 'lugre': False, 'before': 9.0,
+                   'refused': '', 'seconds': {'fit': 1.0}, **result.to_json()}])
+    assert '1 of 1 right;' in text and '1 of 1 published 95 % intervals cover' in text
 
 
 def test_each_fault_of_an_answer_is_named(drawn):
@@ -152,20 +155,3 @@ def test_with_lugre_friction_the_bound_follows_the_oracle(drawn):
     # Each joint has its own oracle.
     oracle[:, 3] = one.unseen.tau[:, 3]
     assert score(one, answers, torque, static, oracle).why_oracle == ('error 2.40 x noise',)
-
-
-def test_the_table_counts_and_names_the_worst_case(drawn):
-    one = with_offset(drawn)
-    answer = [finding('torque_offset', one.joints[1])]
-    about = {'hidden': ['torque_offset:2'], 'lugre': True, 'before': 9.0, 'refused': '',
-             'seconds': {'fit': 1.0, 'diagnose': 2.0}}
-    results = [{'case': name, **about, **score(one, answer, one.unseen.tau + far * one.noise,
-                                               one.static(one.poses)[0],
-                                               one.unseen.tau + one.noise).to_json()}
-               for name, far in (('near', 1.0), ('far', 3.0))]
-    failed = {'case': 'broken', 'why': ['failed'], 'why_oracle': ['failed']}
-    text = table([*results, failed])
-    assert '1 of 3 right;' in text
-    assert 'at most (far, joint ' in text and '| broken |' in text
-    assert '2.00 x oracle in the median, 3.00 x oracle at most (far' in text
-    assert '2 of 2 published 95 % intervals cover: torque_offset 2 of 2.' in text
