@@ -67,13 +67,13 @@ def wait(fits, condition, seconds=60.0):
 
 
 @pytest.mark.parametrize(('gains', 'kind'), [
-    ([1.0, 1.0], ''), ([-1.0, -1.0], 'effort_sign'), ([1.0, 4.0], 'effort_gain')])
+    ([-1.0, -1.0], 'effort_sign'), ([1.0, 4.0], 'effort_gain')])
 def test_a_first_model_is_not_learned_from_what_fit_refuses(gains, kind):
     rough = two_links(1, reach=WIDE)
     samples = replace(rough, tau=rough.tau * gains).select(np.arange(0, 1200, 4))
     rows = Rows(samples, np.arange(300) % 20 >= 15)
     result = run_fit(Job(FIT, rows, settings=POTENTIAL))
-    assert result.accepted == (not kind) and kind in result.fault
+    assert not result.accepted and kind in result.fault
     if kind == 'effort_sign':
         assert run_fit(Job(
             FIT, rows, settings=replace(POTENTIAL, accept=(kind,)))).checks[0].passed
