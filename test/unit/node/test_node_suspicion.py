@@ -116,7 +116,7 @@ def test_nuisance_terms_are_subtracted_and_friction_is_kept_at_rest(model):
                          ('viscous_friction', 2, {}, {'F_v': 4.0}),
                          ('torque_offset', 3, {}, {'b': -0.7}),
                          ('load_dependent_friction', 4, {'width': 0.002}, {'mu': 0.1}))
-    in_use, gravity = ModelInUse(fitted, Parameters()), np.full(7, -5.0)
+    in_use, gravity = ModelInUse(fitted), np.full(7, -5.0)
 
     def nuisance(q, qd):
         reading = CompleteReading(0.0, q, qd, np.zeros(7))
