@@ -1,67 +1,94 @@
-"""Joint axes from a robot description: from a file, from the recordings, or none."""
+"""Arm as known before a fit: joint order, and joint axes of a robot description."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder
 from gravity_comp_ros.errors import DataError, GravityCompError, Hint, OptionError
+from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 import numpy as np
 
 if TYPE_CHECKING:
+    from gravity_comp_ros.api.recording import Recording
     from gravity_comp_ros.description.urdf import HeldPositions
     from gravity_comp_ros.recordings.bag import ReadReport
 
 NO_DESCRIPTION = 'none'
+# Formulations that use known axes.
+WITH_AXES = (None, 'auto', 'chain')
+ASKED = 'as asked'
 # Maximum travel during the recordings of an unrecorded joint that counts as at rest, rad or m.
 _AT_REST = 0.02
 _SOURCES = {'option': 'as asked', 'recording': 'as recorded', 'assumption': 'assumed'}
 
 
 @dataclass(frozen=True)
-class AxesOptions:
+class ArmOptions:
     """
-    Source of the joint axes of an arm.
+    Options on the arm of a fit.
 
-    `urdf` is a file, or `none`; None selects the description in the recordings. `fixed` gives
-    positions, in rad or m, of description joints that are not part of the recorded arm; the
-    others are at their recorded position, or at 0.
+    `formulation` is one of `estimation.estimate.CHOICES`; None is the default, which is `chain` if
+    the user names a description. `urdf` is a description file, or `none`; None selects that in the
+    recordings. `fixed` gives positions, in rad or m, of description joints that are not part of
+    the recorded arm; the others are at their recorded position, or at 0. `ordered` is True if the
+    joints are given in the order of the arm; otherwise description, names or torques give it.
 
-    :raises OptionError: if fixed positions are given and `urdf` is `none`.
+    :raises OptionError: if fixed positions are given and `urdf` is `none`, or a description is
+        named and the formulation does not use axes.
     """
 
+    formulation: str | None = None
     urdf: Path | str | None = None
     fixed: Mapping[str, float] = field(default_factory=dict)
+    ordered: bool = False
 
     def __post_init__(self) -> None:
         if self.fixed and self.urdf == NO_DESCRIPTION:
             raise OptionError('fixed joints need a robot description, and none is to be used')
+        if self.file is not None and self.formulation not in WITH_AXES:
+            raise OptionError(f'formulation {self.formulation} does not use a robot description; '
+                              f'choose chain or auto')
 
     @property
     def file(self) -> Path | None:
         """Return the URDF file named by the user, if any."""
         return None if self.urdf in (None, NO_DESCRIPTION) else Path(self.urdf)
 
+    def to_fit(self, arm: KnownArm) -> FitOptions:
+        """Return the options of the estimator for an arm."""
+        default = FitOptions().formulation
+        if arm.geometry is not None and arm.from_user:
+            # With a description from the recordings, which may be wrong, the data select it.
+            default = 'chain'
+        return FitOptions(formulation=self.formulation or default, geometry=arm.geometry)
+
 
 @dataclass(frozen=True)
-class KnownAxes:
+class KnownArm:
     """
-    Joint axes from a robot description; `geometry` is None without a usable one.
+    Joint order and joint axes of an arm, as known before the fit.
 
-    `from_user` is True if the user named the file. `left_out` are recorded joints outside the
-    arm. `notes` are lines for the user. `problem` is the reason why the description in a
-    recording is not used, '' for none.
+    `geometry` is None without a usable description. `from_user` is True if the user named its
+    file. `left_out` are recorded joints outside the arm. `notes` are lines for the user. `problem`
+    is the reason why the description in a recording is not used, '' for none.
     """
 
+    order: JointOrder
     geometry: Geometry | None = None
     from_user: bool = False
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     problem: str = ''
+
+    def of(self, recording: Recording) -> Recording:
+        """Return the recording with the joints of the arm, in their order."""
+        return recording.select_joints(self.order.joints)
 
     def to_json(self) -> dict[str, object] | None:
         """Return the description part of a result, ready for JSON."""
@@ -73,45 +100,55 @@ class KnownAxes:
                          for joint in self.geometry.held}}
 
 
-def known_axes(reports: Sequence[ReadReport], joints: Sequence[str],
-               options: AxesOptions = AxesOptions(), choose: bool = False,
-               model: GravityModel | None = None) -> KnownAxes:
+def known_arm(recording: Recording, options: ArmOptions = ArmOptions(),
+              model: GravityModel | None = None) -> KnownArm:
     """
-    Return the axes of these joints from the description selected by the options.
+    Return joint order and axes, from the description selected by the options, or the names.
 
     A file named by the user must match the joints. A description in the recordings that does not
-    match is not used; `problem` gives the reason.
+    match is not used; `problem` gives the reason. The first recording with a description provides
+    it. Unless `ordered`, recorded joints outside the arm, such as those of a gripper, are left
+    out.
 
-    :param reports: of the recordings; the first recording with a description provides it.
-    :param choose: leave out recorded joints outside the arm, such as those of a gripper.
-    :param model: source of the axes if neither the user nor a recording gives a description.
+    :param model: gives the joints, and the axes if neither the user nor a recording does.
     :raises DataError: if the file is not a URDF.
     :raises ModelMismatchError: if it describes another arm.
     :raises OptionError: if fixed joints are given without a description.
     """
-    if options.urdf == NO_DESCRIPTION:
-        return KnownAxes()
+    reports, joints = recording.reports, recording.joints if model is None else model.joints
+    arm = KnownArm(_order(recording, joints, options.ordered or model is not None))
+    if options.urdf == NO_DESCRIPTION or options.formulation not in WITH_AXES:
+        return arm
     try:
         if reports or options.file is not None:
             # Imports the XML parser.
             from gravity_comp_ros.description.urdf import find_description
             own = find_description(options.file, [report.path for report in reports])
             if own is not None:
-                return _axes(reports, joints, options, choose, own.text, own.source)
+                return _described(reports, joints, options,
+                                  not options.ordered and model is None, own.text, own.source)
     except GravityCompError as problem:
         if options.file is not None or isinstance(problem, OptionError):
             raise
-        return KnownAxes(problem=f'robot description not used: {problem}')
+        return replace(arm, problem=f'robot description not used: {problem}')
     if options.fixed:
         raise OptionError('fixed joints need a robot description: no recording contains one',
                           Hint.NAME_DESCRIPTION)
     if model is not None and model.geometry is not None:
-        return KnownAxes(model.geometry, notes=('axes of the model',))
-    return KnownAxes()
+        return replace(arm, geometry=model.geometry, notes=('axes of the model',))
+    return arm
 
 
-def _axes(reports: Sequence[ReadReport], joints: Sequence[str], options: AxesOptions,
-          choose: bool, text: str | bytes, source: str) -> KnownAxes:
+def _order(recording: Recording, joints: tuple[str, ...], is_ordered: bool) -> JointOrder:
+    """Return the order of the joints without a description; a reader orders them by the names."""
+    order, reports = joint_order(joints), recording.reports
+    by_name = (reports and reports[0].options.joints is None and order.joints == joints
+               and order.source != AS_RECORDED)
+    return JointOrder(joints, ASKED) if is_ordered and not by_name else order
+
+
+def _described(reports: Sequence[ReadReport], joints: Sequence[str], options: ArmOptions,
+               choose: bool, text: str | bytes, source: str) -> KnownArm:
     # Imports the XML parser.
     from gravity_comp_ros.description.links import described_arm
     from gravity_comp_ros.description.robot_tree import arm_joints
@@ -123,7 +160,8 @@ def _axes(reports: Sequence[ReadReport], joints: Sequence[str], options: AxesOpt
     notes += [f'joint {name} is left out: it {reason}' for name, reason in left_out.items()]
     notes += [f'joint {joint.name} of the description is held at {joint.value:.4g} '
               f'({_SOURCES[joint.by]})' for joint in geometry.held]
-    return KnownAxes(geometry, options.file is not None, tuple(left_out), tuple(notes))
+    return KnownArm(JointOrder(geometry.joints, 'description'), geometry,
+                    options.file is not None, tuple(left_out), tuple(notes))
 
 
 def _held_positions(reports: Sequence[ReadReport], fixed: Mapping[str, float],

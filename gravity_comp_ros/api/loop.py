@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gravity_comp_ros.api.arm import known_arm, KnownArm, LearnOptions
-from gravity_comp_ros.api.axes import AxesOptions, known_axes
+from gravity_comp_ros.api.axes import ArmOptions, known_arm
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.steps import (
@@ -48,11 +47,10 @@ def fit(recording: Recording, *, formulation: str | None = None,
     :raises DataError: if no sample is slow, or an effect is not identifiable from the samples.
     :raises OptionError: if a formulation, effect or joint is unknown.
     """
-    options = LearnOptions(formulation, AxesOptions(urdf, fixed or {}), ordered=True)
-    learned = learn(recording, options, tuple(effects), progress=progress,
-                    arm=_arm(recording, options))
+    options = ArmOptions(formulation, urdf, fixed or {}, ordered=True)
+    learned = learn(recording, options, tuple(effects), progress=progress)
     result, order = learned.result, None
-    if recording.reports and learned.arm.axes.geometry is None \
+    if recording.reports and learned.arm.geometry is None \
             and joint_order(recording.joints).source == AS_RECORDED:
         order = order_by_torques(learned.recording, result)
     if order is not None:
@@ -60,14 +58,6 @@ def fit(recording: Recording, *, formulation: str | None = None,
             f'the joint order {", ".join(order.joints)} explains the torques much better: read '
             f'the recording with `joints` in the order of the arm')
     return Model(result.model)
-
-
-def _arm(recording: Recording, options: LearnOptions) -> KnownArm:
-    """Return axes and order of the joints; the order of `read` is that of their names."""
-    arm, order = known_arm(recording, options), joint_order(recording.joints)
-    by_name = (recording.reports and recording.reports[0].options.joints is None
-               and order.joints == recording.joints and order.source != AS_RECORDED)
-    return replace(arm, order=order) if by_name and arm.axes.geometry is None else arm
 
 
 def compare(model: Model, recording: Recording) -> Comparison:
@@ -105,9 +95,8 @@ def diagnose(recording: Recording, model: Model | None = None, *,
     for name in effects or ():
         known_effect(name)
     options = DiagnosisOptions(effects=None if effects is None else tuple(effects))
-    learning = LearnOptions(ordered=True)
-    gravity, arm = (model.gravity, None) if model else (None, _arm(recording, learning))
-    return diagnose_recording(recording, gravity, options, learning, progress, arm).diagnosis
+    return diagnose_recording(recording, model.gravity if model else None, options,
+                              ArmOptions(ordered=True), progress).diagnosis
 
 
 def add_effects(model: Model, recording: Recording, effects: Iterable[str | Finding], *,
@@ -153,8 +142,8 @@ def update(model: Model, recording: Recording, *, urdf: str | Path | None = None
     :raises ModelMismatchError: if a joint of the model is missing in the recording, or the model
         is of the formulation `per_joint`.
     """
-    axes = known_axes(recording.reports, model.joints, AxesOptions(urdf), model=model.gravity)
-    return Model(update_model(model.gravity, recording, axes)[0].model)
+    arm = known_arm(recording, ArmOptions(urdf=urdf), model.gravity)
+    return Model(update_model(model.gravity, recording, arm)[0].model)
 
 
 def plan(model: Model, recording: Recording, effects: Iterable[str] | None = None, *,

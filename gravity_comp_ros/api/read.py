@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gravity_comp_ros.api.arm import known_arm, KnownArm
+from gravity_comp_ros.api.axes import known_arm, KnownArm
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
@@ -134,7 +134,7 @@ def arm_facts(recording: Recording, arm: KnownArm | None = None,
         return []
     rotations, by_name = None, False
     if arm is not None:
-        recording, geometry = arm.of(recording), arm.axes.geometry
+        recording, geometry = arm.of(recording), arm.geometry
         rotations = None if geometry is None else geometry.rotations
         by_name = geometry is None and arm.order.source in (NUMBERS, WORDS)
     facts = torque_facts(recording.samples, rotations, model, _whole_arm(recording), by_name,

@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gravity_comp_ros.api.arm import known_arm, KnownArm, LearnOptions
-from gravity_comp_ros.api.axes import KnownAxes
+from gravity_comp_ros.api.axes import ArmOptions, known_arm, KnownArm
 from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.recording import Progress, Recording
@@ -85,7 +84,7 @@ def checked_facts(recording: Recording, arm: KnownArm | None = None,
     return tuple(facts)
 
 
-def learn(recording: Recording, options: LearnOptions = LearnOptions(),
+def learn(recording: Recording, options: ArmOptions = ArmOptions(),
           effects: Sequence[str] = (), progress: Progress | None = None,
           arm: KnownArm | None = None) -> Learned:
     """
@@ -93,13 +92,13 @@ def learn(recording: Recording, options: LearnOptions = LearnOptions(),
 
     If neither description nor names give the joint order, it is identified from the torques.
 
-    :param arm: axes and joint order; None takes them from the recording.
+    :param arm: joint order and axes; None takes them from the recording.
     :raises DataError: if a fact on the joints is refused.
     """
     arm = arm or known_arm(recording, options)
     recording = arm.of(recording)
     facts = checked_facts(recording, arm)
-    fit_options = options.to_fit(arm.axes)
+    fit_options = options.to_fit(arm)
     result, refitted = fit_model(recording, fit_options, effects, progress)
     order = None
     if arm.order.source == AS_RECORDED:
@@ -108,11 +107,11 @@ def learn(recording: Recording, options: LearnOptions = LearnOptions(),
         arm = replace(arm, order=order)
         recording = arm.of(recording)
         result, refitted = fit_model(recording, fit_options, effects, progress)
-    provenance = {**result.model.provenance, 'description': arm.axes.to_json(),
+    provenance = {**result.model.provenance, 'description': arm.to_json(),
                   'joint_order': arm.order.source}
     result = replace(result, model=replace(result.model, provenance=provenance))
-    if arm.axes.problem:
-        result = result.with_warning(arm.axes.problem)
+    if arm.problem:
+        result = result.with_warning(arm.problem)
     return Learned(result, refitted, arm, recording, facts)
 
 
@@ -208,8 +207,8 @@ def slow_mask(recording: Recording) -> BoolArray:
 
 def diagnose_recording(recording: Recording, model: GravityModel | None = None,
                        options: DiagnosisOptions = DiagnosisOptions(),
-                       learning: LearnOptions = LearnOptions(), progress: Progress | None = None,
-                       arm: KnownArm | None = None, fits: bool = False) -> Diagnosed:
+                       learning: ArmOptions = ArmOptions(), progress: Progress | None = None,
+                       fits: bool = False) -> Diagnosed:
     """
     Identify the effects that a model does not include, from slow and fast samples.
 
@@ -217,14 +216,13 @@ def diagnose_recording(recording: Recording, model: GravityModel | None = None,
     order and the formulation; it is fitted if one of them is required, or if `fits`.
 
     :param learning: options of that fit.
-    :param arm: axes and joint order without a model; None takes them from the recording.
     :raises DataError: if a fact on the joints is refused.
     """
     if model is not None:
         facts = checked_facts(recording, model=model)
     else:
-        arm = arm or known_arm(recording, learning)
-        if (fits or arm.axes.geometry is not None or arm.order.source == AS_RECORDED
+        arm = known_arm(recording, learning)
+        if (fits or arm.geometry is not None or arm.order.source == AS_RECORDED
                 or learning.formulation not in (None, FitOptions().formulation)):
             learned = learn(recording, learning, progress=progress, arm=arm)
             model, facts = learned.model, learned.facts
@@ -261,11 +259,11 @@ def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
 
 
 def update_model(model: GravityModel, recording: Recording,
-                 axes: KnownAxes) -> tuple[UpdateResult, KnownAxes]:
+                 arm: KnownArm) -> tuple[UpdateResult, KnownArm]:
     """
     Update the gravity model after a payload change; its effects stay unchanged.
 
-    Returns the update and the axes used; axes from a recording are used only if they match.
+    Returns the update and the arm used; axes from a recording are used only if they match.
 
     :raises DataError: if a fact on the joints is refused.
     """
@@ -276,11 +274,11 @@ def update_model(model: GravityModel, recording: Recording,
         raise DataError(f'{problem}. A payload changes no axis, no gain and no vertical') from None
     gravity = _gravity_alone(model, recording)
     try:
-        result = update(model, gravity, geometry=axes.geometry)
+        result = update(model, gravity, geometry=arm.geometry)
     except ModelMismatchError as problem:
-        if axes.geometry is None or axes.from_user:
+        if arm.geometry is None or arm.from_user:
             raise
-        axes = KnownAxes(problem=f'robot description not used: {problem}')
+        arm = KnownArm(arm.order, problem=f'robot description not used: {problem}')
         result = update(model, gravity)
     *before, last = result.model.provenance['updates']
     bags = [report.to_json() for report in recording.reports]
@@ -289,7 +287,7 @@ def update_model(model: GravityModel, recording: Recording,
         'updates': [*before, {'when': now(), 'bags': bags, **last}]}
     changed = with_step(replace(result.model, provenance=provenance), model, (PAYLOAD,), now(),
                         result.report.rmse_before, result.report.rmse, UPDATED)
-    return replace(result, model=changed), axes
+    return replace(result, model=changed), arm
 
 
 def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:

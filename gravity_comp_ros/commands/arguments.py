@@ -14,7 +14,7 @@ from gravity_comp_ros.recordings.units import (
     ANGLE_HELP, radians_per_unit, SHARE_UNITS, TORQUE_UNITS)
 
 if TYPE_CHECKING:
-    from gravity_comp_ros.api.axes import AxesOptions
+    from gravity_comp_ros.api.axes import ArmOptions
     from gravity_comp_ros.data.gate import GateOptions
     from gravity_comp_ros.recordings.bag import ReadOptions
 
@@ -225,7 +225,7 @@ def _json_target(text: str) -> str:
 
 
 def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
-    """Add --urdf and --fixed, for `axes_options`."""
+    """Add --urdf and --fixed, for `arm_options`."""
     group = parser.add_argument_group('robot description')
     group.add_argument('--urdf', metavar='FILE.urdf|none', default=None,
                        help=f'{use}; its masses are not used (default: /robot_description in '
@@ -251,16 +251,16 @@ def _add_fixed(parser: argparse._ActionsContainer) -> None:
                  'waist=0.3; may be repeated (default: 0)')
 
 
-def axes_options(args: argparse.Namespace) -> AxesOptions:
+def arm_options(args: argparse.Namespace, formulation: str | None = None) -> ArmOptions:
     """
-    Return the robot description to use.
+    Return the robot description to use, and whether --joints gives the order of the joints.
 
     :raises OptionError: if --fixed is given without a description.
     """
-    from gravity_comp_ros.api.axes import AxesOptions, NO_DESCRIPTION
+    from gravity_comp_ros.api.axes import ArmOptions, NO_DESCRIPTION
     if args.fixed and args.urdf == NO_DESCRIPTION:
         raise OptionError('--fixed requires a robot description, but --urdf is none')
-    return AxesOptions(args.urdf, args.fixed)
+    return ArmOptions(formulation, args.urdf, args.fixed, args.joints is not None)
 
 
 def add_page(parser: argparse.ArgumentParser, what: str = 'a report with plots') -> None:

@@ -9,8 +9,7 @@ from pathlib import Path
 import time
 from typing import Any
 
-from gravity_comp_ros.api.arm import LearnOptions
-from gravity_comp_ros.api.axes import AxesOptions
+from gravity_comp_ros.api.axes import ArmOptions
 from gravity_comp_ros.api.steps import diagnose_recording
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
@@ -59,7 +58,7 @@ def run(args: argparse.Namespace) -> Answer:
         recording = replace(reading.load(args, report, is_gated=False), gate=GateOptions())
         if model is not None:
             recording = refitting.without_held_out(model, recording)
-        learning = LearnOptions(axes=AxesOptions(args.urdf), ordered=args.joints is not None)
+        learning = ArmOptions(urdf=args.urdf, ordered=args.joints is not None)
         diagnosed = diagnose_recording(recording, model, DiagnosisOptions(effects=args.effects),
                                        learning, report, fits=bool(args.html))
     diagnosis, facts, recording = diagnosed.diagnosis, diagnosed.facts, diagnosed.recording

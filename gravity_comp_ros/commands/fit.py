@@ -7,7 +7,7 @@ from dataclasses import asdict
 from math import degrees
 import time
 
-from gravity_comp_ros.api.arm import known_arm, LearnOptions
+from gravity_comp_ros.api.axes import known_arm
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, learn, Learned, with_enough_motion
@@ -27,8 +27,7 @@ _SHOWN = 8
 
 def run(args: argparse.Namespace) -> Answer:
     """Fit, compare with held-out data, save and show."""
-    options = LearnOptions(args.formulation, arguments.axes_options(args),
-                           args.joints is not None)
+    options = arguments.arm_options(args, args.formulation)
     with terminal.progress() as report:
         whole = with_enough_motion(reading.load(args, report))
         arm = known_arm(whole, options)
@@ -47,7 +46,7 @@ def run(args: argparse.Namespace) -> Answer:
         'model': str(args.output) if args.output else None, **result.to_json(),
         'seconds': seconds, 'holdout': model.provenance['holdout'],
         'facts': [each.to_json() for each in learned.facts],
-        'description': learned.arm.axes.to_json(),
+        'description': learned.arm.to_json(),
         'joint_order': learned.arm.order.source, **whole.to_json()}
     if refit:
         document |= {**refit.to_json(), 'warnings': warnings}
@@ -65,7 +64,7 @@ def _lines(args: argparse.Namespace, learned: Learned, held_out: Comparison | No
     effects, report = fitted_sentence(result.model), result.report
     saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'
     return [
-        *reading.lines(fitted, thinned=False), *arm.axes.notes, f'joint order: {arm.order.source}',
+        *reading.lines(fitted, thinned=False), *arm.notes, f'joint order: {arm.order.source}',
         *([_holdout_sentence(fitted, fitted.holdout, result.report.n_samples)]
           if fitted.holdout else []),
         '', _joint_table(result, held_out), _solver_sentence(result),

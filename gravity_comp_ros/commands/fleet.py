@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.api.arm import LearnOptions
+from gravity_comp_ros.api.axes import ArmOptions
 from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.diagnosis.findings import Verdict
 from gravity_comp_ros.effects.request import known_effect
@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     cluster = ClusterOptions(args.workers, args.scheduler)
     robots = find_robots(args.folder)
     _check_json([robot.name for robot in robots], args)
-    learning = LearnOptions(args.formulation, ordered=args.joints is not None)
+    learning = ArmOptions(args.formulation, ordered=args.joints is not None)
     options = FleetOptions(args.what, arguments.read_options(args), arguments.gate(args), learning,
                            args.models, args.effects)
     terminal.warn(*([cluster.warning] if cluster.warning else []))

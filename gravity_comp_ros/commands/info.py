@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from gravity_comp_ros.api.arm import known_arm, KnownArm, LearnOptions
-from gravity_comp_ros.api.axes import NO_DESCRIPTION
+from gravity_comp_ros.api.axes import known_arm, KnownArm, NO_DESCRIPTION
 from gravity_comp_ros.api.read import joined, judged, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import with_enough_motion
 from gravity_comp_ros.commands import next_step, terminal
-from gravity_comp_ros.commands.arguments import axes_options, gate, read_options
+from gravity_comp_ros.commands.arguments import arm_options, gate, read_options
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
@@ -32,8 +31,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
         recordings = read_each(args.bags, options, report)
         facts = []
         for each in recordings:
-            arm = known_arm(Recording(each.samples, slow, (each.report,)), LearnOptions(
-                axes=axes_options(args), ordered=args.joints is not None))
+            arm = known_arm(Recording(each.samples, slow, (each.report,)), arm_options(args))
             facts.append((judged(each, arm), describe(each.samples, slow)))
         # Reports bags of different robots, which a fit would reject.
         together = arm.of(joined(recordings, slow))
@@ -56,7 +54,7 @@ def _enough(recording: Recording, arm: KnownArm, refusals: list[Fact]) -> Enough
     if any(fact.kind is not Kind.EFFORT_SIGN for fact in refusals):
         return None
     try:
-        return enough_motion(recording.samples, arm.axes.geometry)
+        return enough_motion(recording.samples, arm.geometry)
     except FitError:
         return None
 

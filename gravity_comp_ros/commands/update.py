@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 import shlex
 
-from gravity_comp_ros.api.axes import known_axes, NO_DESCRIPTION
+from gravity_comp_ros.api.axes import known_arm, NO_DESCRIPTION
 from gravity_comp_ros.api.steps import update_model
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
@@ -48,13 +48,12 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> Answ
     with terminal.progress() as report:
         recording = reading.load(args, report)
         report('update', 0.5)
-        axes = known_axes(recording.reports, model.joints, arguments.axes_options(args),
-                          model=model)
+        known = known_arm(recording, arguments.arm_options(args), model)
         arm = None
         if args.flange is not None:
             arm = reading.arm_of_model(args, model)
             arm.place(args.flange)  # a missing flange is reported before the update
-        result, axes = update_model(model, recording, axes)
+        result, known = update_model(model, recording, known)
         load = None
         with suppress(DataError):  # a load that is not known has no line
             load = load_of(result.model)
@@ -62,18 +61,18 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> Answ
         report('update', 1.0)
     if not args.dry_run:
         save_model(target, result.model)
-    warnings = [*filter(None, [axes.problem]), *result.report.warnings,
+    warnings = [*filter(None, [known.problem]), *result.report.warnings,
                 *reading.scale_warnings(model, recording.reports),
                 *(f'the model was already fitted to {name}: does it contain the new payload?'
                   for name in reading.fitted_names(model, recording.reports))]
     document = {
         'model': str(target), 'written': not args.dry_run, **result.report.to_json(),
         'effects': [effect.target for effect in result.model.applied.effects],
-        'description': axes.to_json(), 'warnings': warnings,
+        'description': known.to_json(), 'warnings': warnings,
         'flange': None if flange is None else flange.to_json(), **recording.to_json()}
     drive = [] if flange is None else [f'for a drive: {flange.sentence()}']
     return Answer(document, [
-        *reading.lines(recording), *axes.notes, '', _joint_table(result),
+        *reading.lines(recording), *known.notes, '', _joint_table(result),
         *_payload_lines(result.report.payload), *drive, '', *_written(args, target)], warnings)
 
 

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 from distributed import as_completed, Client, Future, KilledWorker, LocalCluster, Security
 from gravity_comp_ros import __version__
-from gravity_comp_ros.api.arm import LearnOptions
+from gravity_comp_ros.api.axes import ArmOptions
 from gravity_comp_ros.api.read import bounded, joined
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.steps import diagnose_recording, learn
@@ -223,7 +223,7 @@ class FleetOptions:
     step: str
     reading: ReadOptions = ReadOptions()
     gate: GateOptions | None = GateOptions()
-    learning: LearnOptions = LearnOptions()
+    learning: ArmOptions = ArmOptions()
     models: Path | None = None
     effects: tuple[str, ...] | None = None
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from gravity_comp_ros.api.arm import ASKED, known_arm, LearnOptions
-from gravity_comp_ros.api.axes import AxesOptions
+from gravity_comp_ros.api.axes import ArmOptions, ASKED, known_arm
 from gravity_comp_ros.api.read import arm_facts, check_facts, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import add_to_model, diagnose_recording, learn, Learned
@@ -145,9 +144,8 @@ def _read(job: Job, progress: ProgressCallback) -> ReadResult:
     samples = concatenate(recording.samples for recording in recordings)
     reports = tuple(recording.report for recording in recordings)
     recording = Recording(samples, None, reports)
-    arm = known_arm(recording, LearnOptions(axes=AxesOptions(job.choice.urdf),
-                                            ordered=job.ordered))
-    left_out = () if job.choice.joints else arm.axes.left_out
+    arm = known_arm(recording, ArmOptions(urdf=job.choice.urdf, ordered=job.ordered))
+    left_out = () if job.choice.joints else arm.left_out
     if left_out:
         # Read again without other joints, whose missing values would drop messages.
         return replace(_read(job.of_joints(arm.order.joints), progress), left_out=left_out)
@@ -161,7 +159,7 @@ def _learned(recording: Recording, job: Job, progress: ProgressCallback) -> Lear
     # The page already has the samples.
     none = recording.samples.select(np.zeros(0, dtype=np.int64))
     result = replace(result, recording=replace(recording, samples=none))
-    if result.arm.axes.geometry is not None:
+    if result.arm.geometry is not None:
         return result
     # The exported command lines list the joints in this order.
     provenance = {**result.model.provenance, 'joint_order': ASKED}

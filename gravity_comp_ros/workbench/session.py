@@ -253,10 +253,10 @@ class Session(State):
         joints = answer.model.joints
         self.choice, self.to_learn = replace(job.choice, joints=joints), False
         self.joints = (*joints, *(name for name in self.joints if name not in joints))
-        axes = answer.arm.axes
+        left_out = answer.arm.left_out
         warnings = [*answer.result.report.warnings]
-        if axes.left_out:
-            warnings.append(f'Omitted, because not part of the arm: {", ".join(axes.left_out)}.')
+        if left_out:
+            warnings.append(f'Omitted, because not part of the arm: {", ".join(left_out)}.')
         self._append(Stage('gravity', answer.model, self.choice, warnings=tuple(warnings)))
 
     def _job(self, step: Step, model: GravityModel | None = None,

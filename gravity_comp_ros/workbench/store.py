@@ -18,8 +18,7 @@ import shutil
 import tempfile
 from typing import Any
 
-from gravity_comp_ros.api.arm import LearnOptions, WITH_AXES
-from gravity_comp_ros.api.axes import AxesOptions
+from gravity_comp_ros.api.axes import ArmOptions, WITH_AXES
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.atomic import write_atomically
@@ -57,14 +56,14 @@ class Choice:
         """Return the options to read the recordings; what is refused is refused by each job."""
         return replace(self.reading, joints=self.joints or None, refuse=False)
 
-    def learning(self, ordered: bool) -> LearnOptions:
+    def learning(self, ordered: bool) -> ArmOptions:
         """
         Return the options of the fit.
 
         :param ordered: whether the joints are given in the order of the arm.
         """
-        axes = AxesOptions(self.urdf if self.formulation in WITH_AXES else None)
-        return LearnOptions(self.formulation, axes, ordered)
+        urdf = self.urdf if self.formulation in WITH_AXES else None
+        return ArmOptions(self.formulation, urdf, ordered=ordered)
 
     def fit_options(self) -> list[str]:
         """Return the arguments of a command with the same fit."""

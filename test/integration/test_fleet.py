@@ -11,7 +11,7 @@ import sys
 from bench.shared.serial_arms import poses, samples_of, serial_arm
 import dask
 from gravity_comp_ros import cli
-from gravity_comp_ros.api.arm import LearnOptions
+from gravity_comp_ros.api.axes import ArmOptions
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.fleet import run as fleet_run
 from gravity_comp_ros.fleet.run import (
@@ -47,7 +47,7 @@ def weights(folder: Path) -> dict:
 
 
 def fit(fleet, output, where=ClusterOptions()):
-    options = FleetOptions('fit', learning=LearnOptions('potential'))
+    options = FleetOptions('fit', learning=ArmOptions('potential'))
     return run_fleet(find_robots(fleet), output, options, where)
 
 

@@ -5,8 +5,7 @@ import json
 from bench.shared import urdf_snippets as robots
 from bench.shared.command_line import run_json
 from bench.shared.waisted_arm import IIWA, JOINTS, recording, WAIST, WAISTED
-from gravity_comp_ros.api.arm import known_arm, LearnOptions
-from gravity_comp_ros.api.axes import AxesOptions
+from gravity_comp_ros.api.axes import ArmOptions, known_arm
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.description.joint_order import JointOrder
@@ -60,22 +59,22 @@ def test_the_recordings_own_description_is_used(bags, tmp_path, capsys):
 def known(bag, joints=None, **axes):
     """Return the arm of a recording, as every verb knows it."""
     recording = read_recording([bag], ReadOptions(joints=joints), None)
-    return known_arm(recording, LearnOptions(axes=AxesOptions(**axes), ordered=joints is not None))
+    return known_arm(recording, ArmOptions(**axes, ordered=joints is not None))
 
 
 def test_without_a_description_numbers_order_the_joints(bags):
     arm = known(bags / 'own', urdf='none')
-    assert arm.axes.to_json() is None
+    assert arm.to_json() is None
     assert (arm.order.source, arm.order.joints) == ('numbers in the names', JOINTS)
     some = JOINTS[1::-1]
     assert known(bags / 'own', some, urdf='none').order == JointOrder(some, 'as asked')
 
 
 def test_the_description_of_another_robot_is_ignored(bags, tmp_path):
-    axes = known(bags / 'other').axes
-    assert axes.to_json() is None
+    arm = known(bags / 'other')
+    assert arm.to_json() is None
     assert ('robot description not used: /robot_description in other has no joint iiwa'
-            in axes.problem)
+            in arm.problem)
     # A description named by the user must match.
     path = tmp_path / 'ur.urdf'
     path.write_text(robots.UR)
@@ -87,10 +86,10 @@ def test_the_description_of_another_robot_is_ignored(bags, tmp_path):
     ('leaning', {}, WAIST, 'recording'), ('lacking', {'waist': WAIST}, WAIST, 'option'),
     ('lacking', {}, 0.0, 'assumption')])
 def test_a_waist_that_is_not_a_joint_of_the_model(bags, bag, fixed, value, by):
-    held = known(bags / bag, JOINTS, fixed=fixed).axes.to_json()['held']
+    held = known(bags / bag, JOINTS, fixed=fixed).to_json()['held']
     assert held == {'waist': {'value': pytest.approx(value), 'by': by}}
 
 
 def test_a_moving_waist_is_reported(bags):
     assert ('joint waist moves by 0.199 during the recordings'
-            in known(bags / 'moving', JOINTS).axes.problem)
+            in known(bags / 'moving', JOINTS).problem)
