@@ -103,14 +103,11 @@ class FeedForward:
         torque = source.torque(pose, policy, self.margin)
         if not all_finite(torque):
             return None
-        silent = not self.enabled and self._is_at_rest()
-        turns = np.round((q - pose) / REVOLUTION).tolist()
-        phase = ('model', source, *turns) if self.enabled else ('off',)
-        target = self._clipped(torque) if self.enabled else self._zero
-        if phase != self._phase:
-            self._begin(phase, target, self.options.ramp_time, is_capped=self.enabled)
         self._fresh, self._torque = now, torque
-        return None if silent else self._published(target, dt)
+        if self._due(now) == DISABLED:
+            return None if self._is_at_rest() else self._published(self._zero, (DISABLED,), dt)
+        turns = np.round((q - pose) / REVOLUTION).tolist()
+        return self._published(self._clipped(torque), (ACTIVE, source, *turns), dt)
 
     def watch(self, now: float) -> FloatArray | None:
         """Return the torque to publish without input, None if none is due."""
@@ -118,22 +115,15 @@ class FeedForward:
             return None
         # After the clock was set back, old input must not count as recent.
         self._fresh = min(self._fresh, now)
-        if not self._is_stale(now) and not self._failed:
+        due = self._due(now)
+        if due == ACTIVE or (due == DISABLED and not self._is_stale(now)):
             return None
         dt = self._step(now, is_message=False)
         if self._is_at_rest():
             return None
-        phase, target, seconds = 'hold', self._held, self.options.ramp_time
-        if not self.enabled:
-            phase, target = 'off', self._zero
-        elif self._is_fading(now):
-            phase, target, seconds = 'fade', self._zero, self.options.fade_time
-        elif self._phase != ('hold',):
-            self._held = target = (
-                self._last if self._offset.any() else self._clipped(self._torque))
-        if self._phase != (phase,):
-            self._begin((phase,), target, seconds, is_capped=False)
-        return self._published(target, dt)
+        if due == HOLDING and self._phase != (HOLDING,):
+            self._held = self._last if self._offset.any() else self._clipped(self._torque)
+        return self._published(self._held if due == HOLDING else self._zero, (due,), dt)
 
     def state(self, now: float) -> str:
         """Return the state, one of the constants above."""
@@ -141,25 +131,42 @@ class FeedForward:
             return NO_MODEL
         if self._fresh is None:
             return WAITING
-        if not self.enabled:
-            return DISABLED if self._is_at_rest() else RAMPING
-        if self._is_stale(now):
-            if self._is_at_rest():
-                return FADED
-            return FADING if self._is_fading(now) else HOLDING
-        return RAMPING if self._offset.any() else ACTIVE
+        due = self._due(now)
+        if due == ACTIVE:
+            return RAMPING if self._offset.any() else ACTIVE
+        if self._is_at_rest():
+            return DISABLED if due == DISABLED else FADED
+        return RAMPING if due == DISABLED else due
 
-    def _begin(self, phase: tuple[object, ...], target: FloatArray, seconds: float,
-               is_capped: bool) -> None:
+    def _due(self, now: float) -> str:
+        """Return the state of the target: that of the model, none, the held one, or its fade."""
+        if not self.enabled:
+            return DISABLED
+        if self._failed or (self.options.stale_action == 'fade'
+                            and self._is_stale(now - self.options.hold_time)):
+            return FADING
+        return HOLDING if self._is_stale(now) else ACTIVE
+
+    def _is_stale(self, now: float) -> bool:
+        return self._failed or (
+            self._fresh is not None and now - self._fresh > self.options.stale_after)
+
+    def _is_at_rest(self) -> bool:
+        return not self.is_publishing and self._phase[:1] != (ACTIVE,)
+
+    def _begin(self, phase: tuple[object, ...], target: FloatArray) -> None:
         """Begin a transition from the torque published last to another target."""
-        self._phase = phase
+        self._phase, options = phase, self.options
+        seconds = options.fade_time if phase == (FADING,) else options.ramp_time
         self._offset = self._last - target if seconds > 0.0 else self._zero
         self._speed = np.abs(self._offset) / max(seconds, 1e-9)
-        if is_capped and self._limit is not None and seconds > 0.0:
+        if phase[0] == ACTIVE and self._limit is not None and seconds > 0.0:
             self._speed = np.minimum(self._speed, NODE.ramp_share * self._limit / seconds)
 
-    def _published(self, target: FloatArray, dt: float) -> FloatArray:
-        """Return the torque of a transition to `target` after a time step dt, within limits."""
+    def _published(self, target: FloatArray, phase: tuple[object, ...], dt: float) -> FloatArray:
+        """Return the torque on the way to `target` after a time step dt, within limits."""
+        if phase != self._phase:
+            self._begin(phase, target)
         last, torque = self._last, target
         if self._offset.any():
             step = self._speed * dt
@@ -179,16 +186,6 @@ class FeedForward:
         if self._limit is None:
             return torque
         return np.minimum(np.maximum(torque, -self._limit), self._limit)
-
-    def _is_stale(self, now: float) -> bool:
-        return self._fresh is not None and now - self._fresh > self.options.stale_after
-
-    def _is_fading(self, now: float) -> bool:
-        return self._failed or (self.options.stale_action == 'fade'
-                                and self._is_stale(now - self.options.hold_time))
-
-    def _is_at_rest(self) -> bool:
-        return not self.is_publishing and self._phase[:1] != ('model',)
 
     def _step(self, now: float, is_message: bool) -> float:
         """

@@ -137,6 +137,18 @@ def test_disabled_torque_ramps_to_zero_and_then_nothing_is_published():
     assert played(feed, t + 1.2, 1) == pytest.approx([1.0])
 
 
+@pytest.mark.parametrize('enabled', [True, False])
+def test_after_an_error_the_torque_falls_to_zero(enabled):
+    """By a clock of another origin; also while disabled torque ramps down."""
+    feed, t = started(replace(FREE, stale_action='hold'))
+    feed.enabled = enabled
+    last = played(feed, t + 0.1, 1)[0]
+    feed.fail()
+    torques = [feed.watch(-1000.0 + 0.1 * k) for k in range(22)]
+    falling = [last, *(float(tau[0]) for tau in torques if tau is not None)]
+    assert falling[-1] == 0.0 and (np.diff(falling) <= 0.0).all() and torques[-1] is None
+
+
 def test_stale_input_holds_then_fades_to_zero_then_publishes_nothing():
     feed, t = started()
     assert feed.watch(t + 0.3) is None
