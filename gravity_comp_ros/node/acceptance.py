@@ -24,14 +24,13 @@ from gravity_comp_ros.facts.fact import (
 from gravity_comp_ros.facts.judge import judge
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
-from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check, OPTIONS
-from gravity_comp_ros.node.epoch import DELAYS, REST_SPEED, Rows
+from gravity_comp_ros.node.epoch import DELAYS, FULL_FIT_SAMPLES, REST_SPEED, Rows
 from gravity_comp_ros.node.hypotheses import Explanation, Hypotheses, moving, moving_rms
-from gravity_comp_ros.node.job_messages import is_enough_motion, Job
+from gravity_comp_ros.node.job_messages import Job
 from gravity_comp_ros.node.options import NODE
 import numpy as np
 
@@ -300,16 +299,20 @@ def _pose_explains(samples: JointSamples, train: BoolArray, new: Prediction, rms
     """
     Yield the check that pose explains the effort of a joint, by the RMSE (N,) of a model in N·m.
 
-    Otherwise, in enough motion, the arm compensates gravity itself.
+    Otherwise, in enough motion, the arm compensates gravity itself; in less motion a first model
+    has not converged.
     """
-    moves = is_enough_motion(Coverage.of(samples.select(train)))
+    trained = samples.q[train]
+    moves = len(trained) >= FULL_FIT_SAMPLES and bool(
+        (np.ptp(trained, axis=0) >= OPTIONS.min_span).any())
     if is_first or moves:
         spread = np.maximum((samples.tau - new.nuisance).std(axis=0), 1e-9)
-        yield Check(checks.POSE_EXPLAINS, float((1.0 - (rmse / spread) ** 2).max()),
-                    FactOptions().min_share, True, (
-                        'the effort of no joint depends on pose: this arm seems to compensate '
-                        'gravity itself, or its axes are all vertical; nothing to learn' if moves
-                        else 'pose does not explain the effort yet'))
+        name, text = (checks.POSE_EXPLAINS, (
+            'the effort of no joint depends on pose: this arm seems to compensate gravity itself, '
+            'or its axes are all vertical; nothing to learn')) if moves else (
+                checks.CONVERGED, 'pose does not explain the effort yet')
+        yield Check(name, float((1.0 - (rmse / spread) ** 2).max()), FactOptions().min_share, True,
+                    text)
 
 
 def ratio_std(new: FloatArray, old: FloatArray, qd: FloatArray, block: IntArray) -> float:

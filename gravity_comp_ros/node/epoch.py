@@ -181,24 +181,24 @@ class Epoch:
         self.number = number
         self.base = base
         self.is_open = is_open
-        self.had_broken_effort = False
         self.settings = settings
         self._names = tuple(names)
         self.restart()
 
-    def restart(self) -> None:
-        """Drop all samples; the epoch stays open or closed."""
+    def restart(self, after_fault: bool = False) -> None:
+        """
+        Drop all samples; the epoch stays open or closed.
+
+        After a fault of the effort the next fit needs those of a full one: in few samples a
+        payload explains a wrong gain.
+        """
+        self._after_fault = after_fault
         self._offered = 0
         self._fitted_at = 0
         # Whether the last fit was one of all samples that the epoch requires.
         self._was_full = False
         self._buffer = SampleBuffer(
             self._names, NODE.capacity, len(DELAYS) * len(self._names))
-
-    def restart_after_broken_effort(self) -> None:
-        """Drop all samples; in few a payload explains a wrong gain: the next fit needs more."""
-        self.restart()
-        self.had_broken_effort = True
 
     def offer(self, sample: SlowSample) -> None:
         """Add a sample that passed the gate."""
@@ -232,11 +232,11 @@ class Epoch:
         if len(self) == 0:
             return 'no slow samples yet: move the arm slowly through its range'
         settings, n_held_out = self.settings, self.n_held_out
-        n_train, minimum = len(self) - n_held_out, settings.first_samples
-        if self.base is not None and self.base.energy is not None and not self.had_broken_effort:
+        n_train, minimum = len(self) - n_held_out, FULL_FIT_SAMPLES
+        if self.base is not None and self.base.energy is not None and not self._after_fault:
             minimum = settings.min_samples
         if n_train < minimum or n_held_out < settings.block:
-            why = ' after broken effort' if self.had_broken_effort else ''
+            why = ' after broken effort' if self._after_fault else ''
             return (f'{n_train} training and {n_held_out} held-out samples; '
                     f'{minimum} and {settings.block} are needed{why}: keep moving slowly')
         if len(self.short_of_range()) == len(self._names):

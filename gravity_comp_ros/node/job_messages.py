@@ -7,15 +7,15 @@ SciPy nor the estimator.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.export.numbers import Numbers
-from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.checks import Check, OPTIONS
-from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, Rows
+from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.parameters import Parameters
 
 # Kinds of jobs: fit a model and compare it with the one in use on held-out samples; find the
@@ -54,8 +54,7 @@ class FitResult:
     The best model of a job, its checks, and the computing time in s.
 
     `numbers` are those of the model for exported C source. `figures` has the errors of the
-    comparison in one line. `range` is that of the training samples. `outliers` has the number of
-    samples of each joint that were left out.
+    comparison in one line. `outliers` has the number of samples of each joint that were left out.
     """
 
     model: GravityModel
@@ -64,13 +63,13 @@ class FitResult:
     figures: str
     how: str
     seconds: float
-    range: Coverage
     outliers: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def has_no_gravity(self) -> bool:
         """True if no joint's effort depends on pose, in enough motion."""
-        return lacks_gravity(self.checks, self.range)
+        return any(check.name == checks.POSE_EXPLAINS and not check.passed
+                   for check in self.checks)
 
     @property
     def accepted(self) -> bool:
@@ -87,18 +86,6 @@ class FitResult:
         """The decision with its figures in one line."""
         refusal = checks.failed(self.checks)
         return self.figures if refusal is None else f'{refusal.text} ({self.figures})'
-
-
-def is_enough_motion(trained: Coverage) -> bool:
-    """Return whether samples of this range show gravity on some joint, if there is any."""
-    return trained.n_samples >= FULL_FIT_SAMPLES and bool(
-        (trained.q_max - trained.q_min >= OPTIONS.min_span).any())
-
-
-def lacks_gravity(judged: Iterable[Check], trained: Coverage) -> bool:
-    """Return whether pose explains the effort of no joint, in enough motion."""
-    return is_enough_motion(trained) and any(
-        check.name == checks.POSE_EXPLAINS and not check.passed for check in judged)
 
 
 @dataclass(frozen=True)

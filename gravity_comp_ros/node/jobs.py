@@ -29,7 +29,7 @@ from gravity_comp_ros.estimation.update import payload_change_weights, update
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.models.applied_effects import target
-from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor, is_outlier, outlier_weights
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import (
@@ -38,7 +38,7 @@ from gravity_comp_ros.node.checks import Check, OPTIONS
 from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, REST_SPEED
 from gravity_comp_ros.node.hypotheses import moving_rms, Window
 from gravity_comp_ros.node.job_messages import (
-    DIAGNOSIS, FIT, FitResult, Job, lacks_gravity, PAYLOAD, PayloadResult, Result)
+    DIAGNOSIS, FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
 import numpy as np
@@ -172,9 +172,8 @@ def _compared_fit(job: Job, judged: list[Check]) -> FitResult:
     compared, errors = compare(best, old, rows, old is not None and len(
         rows.train) > old.model.coverage.n_samples)
     figures = '; '.join([*(check.text for check in judged if check.passed and check.text), errors])
-    trained = Coverage.of(rows.train)
     # The effort of an arm that compensates gravity itself is not checked further.
-    if not lacks_gravity(compared, trained):
+    if not any(check.name == checks.POSE_EXPLAINS and not check.passed for check in compared):
         judged = [*judged, *_checks(job, chain, best)]
     judged = [*judged, *compared]
     if best.fit is not None and checks.failed(judged) is None:
@@ -184,7 +183,7 @@ def _compared_fit(job: Job, judged: list[Check]) -> FitResult:
             f'{each.how} {rms(held_out_rmse(each.residual(rows.samples), rows)):.3g} N·m'
             for each in tried)
     return FitResult(best.model, parameters_of(best.model), tuple(judged), figures, best.how,
-                     time.monotonic() - start, trained, left_out)
+                     time.monotonic() - start, left_out)
 
 
 def _checks(job: Job, chain: GravityModel | None, best: Candidate) -> Iterator[Check]:

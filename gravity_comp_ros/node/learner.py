@@ -216,7 +216,7 @@ class Learner:
             self.roll_back(now, why)
             return
         if len(epoch) >= FULL_FIT_SAMPLES and epoch.is_open and not result.has_no_gravity:
-            epoch.restart_after_broken_effort()
+            epoch.restart(after_fault=True)
             self.report += '; its samples were dropped'
 
     def payload_changed(self, now: float) -> tuple[bool, str]:
@@ -246,7 +246,7 @@ class Learner:
         epoch.is_open = epoch.is_open and bool(fault)
         if fault:
             epoch.base = entry.model
-            epoch.restart_after_broken_effort()
+            epoch.restart(after_fault=True)
             self.last_fit = f'rolled back automatically to the {entry.describe()}: {fault}'
             self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
             self._events.log.append((True, self.last_fit))

@@ -157,10 +157,7 @@ class Parameters:
         'swing.', 's', 0.0, 60.0)
     min_samples: int = parameter(
         30, 'Training samples for the first fit of an epoch, if the change of a model can be '
-        'fitted.', 'samples', 10, 10000)
-    first_samples: int = parameter(
-        100, 'Training samples for the first fit otherwise, and after faulty effort.', 'samples',
-        10, 10000)
+        'fitted. Otherwise, and after faulty effort, it is 100.', 'samples', 10, 1500)
     full_samples: int = parameter(
         500, 'Number of samples at which a last fit closes the epoch, once each joint has moved '
         'over 0.2 rad.', 'samples', 20, 1500)
@@ -266,10 +263,9 @@ class Parameters:
                 requests(self.effects, known)
             except OptionError as problem:
                 raise OptionError(f'parameter effects: {problem}') from problem
-        for name in ('min_samples', 'first_samples'):
-            if getattr(self, name) > self.full_samples:
-                raise OptionError(f'parameter {name}: {getattr(self, name)} is more than '
-                                  f'full_samples, {self.full_samples}')
+        if self.min_samples > self.full_samples:
+            raise OptionError(f'parameter min_samples: {self.min_samples} is more than '
+                              f'full_samples, {self.full_samples}')
 
 
 TABLE = tuple(Parameter(each.name, *_KINDS[str(each.type)], each.default,  # type: ignore[arg-type]

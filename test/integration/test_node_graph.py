@@ -70,7 +70,7 @@ def test_the_log_has_events_and_reasons(iiwa_model_file, tmp_path):
 def test_a_second_node_a_second_driver_and_a_gripper_are_detected(iiwa_model_file):
     samples = read_bag(BAGS / 'eq17_later.mcap').samples
     options = {'diagnostics_rate': 10.0, 'max_torque': '[176.0]', 'stale_after': 10.0,
-               'first_samples': 400}
+               'auto_fit': False}
     with running(options) as (_, probe):
         # A gripper publishes first, and continues between the messages of the arm.
         for k in range(40):

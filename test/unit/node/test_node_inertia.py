@@ -94,7 +94,7 @@ def test_inertia_of_the_model_is_no_residual(live, tmp_path):
     assert residual[1, 1] < 3.0 * model.noise_with_nuisance[1]
 
 
-OPTIONS = Parameters(min_samples=15, first_samples=15, full_samples=60)
+OPTIONS = Parameters(min_samples=15, full_samples=60)
 
 
 def feed(epoch, n, start=0, step=0.05, still=False):
@@ -127,12 +127,12 @@ def test_a_clock_that_starts_again_begins_a_run():
     np.testing.assert_array_equal(rows.sent[:, 0, 0], np.tile(np.arange(30.0), 2))
 
 
-def test_it_reports_what_is_missing_for_a_fit():
+def test_it_reports_what_is_missing_for_a_fit(model_file):
     epoch = Epoch(3, ['a', 'b'], OPTIONS)
     assert 'no slow samples' in epoch.missing_for_fit()
     feed(epoch, 10)
     assert '10 training and 0 held-out samples' in epoch.missing_for_fit()
-    still = Epoch(3, ['a', 'b'], OPTIONS)
+    still = Epoch(3, ['a', 'b'], OPTIONS, load_model(model_file))
     feed(still, 20, step=0.002)
     assert 'no joint has moved' in still.missing_for_fit()
     assert still.describe() == ('epoch 3 open, 20 of 60 samples (5 held out), too little range '
@@ -140,16 +140,14 @@ def test_it_reports_what_is_missing_for_a_fit():
 
 
 def test_after_broken_effort_it_requires_more_samples(model_file):
-    options = Parameters(min_samples=15, first_samples=45, full_samples=60)
-    # With ten of 55 samples held out.
-    for broken, needed in ((False, 20), (True, 55)):
-        epoch = Epoch(0, ['a', 'b'], options, load_model(model_file))
-        if broken:
-            epoch.restart_after_broken_effort()
-        assert due_fits(epoch, 80, True)[0] == needed
-        epoch.restart()
+    # With 30 of 130 samples held out.
+    for broken, needed in ((False, 20), (True, 130)):
+        epoch = Epoch(0, ['a', 'b'], OPTIONS, load_model(model_file))
+        epoch.restart(broken)
         feed(epoch, 10)
         assert ('after broken effort' in epoch.missing_for_fit()) == broken
+        epoch.restart(broken)
+        assert due_fits(epoch, 150, True)[0] == needed
 
 
 def due_fits(epoch, n, succeed, still=False):
@@ -166,20 +164,21 @@ def due_fits(epoch, n, succeed, still=False):
     return due
 
 
-def test_fits_are_due_as_samples_grow_and_the_last_closes_the_epoch():
-    epoch = Epoch(0, ['a', 'b'], OPTIONS)
+def test_fits_are_due_as_samples_grow_and_the_last_closes_the_epoch(model_file):
+    base = load_model(model_file)
+    epoch = Epoch(0, ['a', 'b'], OPTIONS, base)
     assert due_fits(epoch, 90, True) == [20, 25, 32, 40, 50, 60]
     # A closed epoch collects samples for fits on request.
     assert not epoch.is_open and len(epoch) == 90 and epoch.missing_for_fit() is None
     # A joint without range keeps it open.
-    epoch = Epoch(0, ['a', 'b'], OPTIONS)
+    epoch = Epoch(0, ['a', 'b'], OPTIONS, base)
     due_fits(epoch, 90, True, still=True)
     assert epoch.is_open and epoch.short_of_range() == ('b',)
 
 
-def test_a_failed_fit_does_not_close_the_epoch_and_is_repeated_with_more_samples():
+def test_a_failed_fit_does_not_close_the_epoch_and_is_repeated_with_more_samples(model_file):
     """An effect that the motion does not excite fails each time."""
-    epoch = Epoch(0, ['a', 'b'], OPTIONS)
+    epoch = Epoch(0, ['a', 'b'], OPTIONS, load_model(model_file))
     due = due_fits(epoch, 2 * NODE.capacity, False)
     assert epoch.is_open and due[:8] == [20, 25, 32, 40, 50, 60, 75, 94]
     # Also with a full buffer, whose number of samples does not grow.
