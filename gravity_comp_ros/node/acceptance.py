@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.description.joint_order import joint_order, NUMBERS, WORDS
+from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.subset_stability import last_part
 from gravity_comp_ros.estimation.torque_facts import torque_facts
 from gravity_comp_ros.evaluation.expected_residual import rms
@@ -24,6 +25,7 @@ from gravity_comp_ros.facts.fact import (
 from gravity_comp_ros.facts.judge import judge
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
@@ -234,17 +236,20 @@ def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class Candidate:
     """
-    A model's torque at samples (M, N), and its noise (N,), N·m.
+    A model with its torque at the samples of a job (M, N), and its noise (N,), N·m.
 
     `nuisance` is the nuisance torque (M, N) that it was fitted with. It counts as explained, but
-    not as gravity.
+    not as gravity. `how` is its origin, `fit` its full fit if it is one.
     """
 
+    model: GravityModel
     torque: FloatArray
     noise: FloatArray
     nuisance: FloatArray | float = 0.0
+    how: str = ''
+    fit: FitResult | None = None
 
     def residual(self, samples: JointSamples) -> FloatArray:
         """Return the residual (M, N) in N·m."""
@@ -256,7 +261,7 @@ def held_out_rmse(error: FloatArray, rows: Rows) -> FloatArray:
     return moving_rms(error[rows.held_out], rows.samples.qd[rows.held_out])
 
 
-def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_samples: bool = False,
+def compare(new: Candidate, old: Candidate | None, rows: Rows, has_more_samples: bool = False,
             margin: float = 0.0) -> tuple[list[Check], str]:
     """
     Return the checks that `new`, fitted to the training samples, predicts the others better.
@@ -269,15 +274,15 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
     :return: the checks, and the errors in one line.
     """
     samples, held_out, train = rows.samples, rows.held_out, ~rows.held_out
-    is_first = old is None
-    old = old or Prediction(samples.tau[train].mean(axis=0), new.noise)
-    error_new, error_old = new.residual(samples), old.residual(samples)
+    is_first, error_new = old is None, new.residual(samples)
+    error_old = samples.tau - samples.tau[train].mean(axis=0) if old is None else old.residual(
+        samples)
     rmse_new, rmse_old = (held_out_rmse(error, rows) for error in (error_new, error_old))
     floor = OPTIONS.min_noise * max(1e-9, float(np.abs(samples.tau[train]).max()))
     level = np.maximum(np.minimum(rmse_new, rmse_old), floor)
     # In a few held-out seconds pose may explain much of the variance by coincidence.
     rmse = np.maximum(rmse_new, moving_rms(error_new[train], samples.qd[train]))
-    noise = np.maximum(np.maximum(new.noise, old.noise), floor)
+    noise = np.maximum(np.maximum(new.noise, new.noise if old is None else old.noise), floor)
     rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
     block = np.cumsum((np.diff(held_out, prepend=False) & held_out).astype(np.int64))[held_out]
     tolerance = -1e-9 if is_first or not has_more_samples else OPTIONS.significant * ratio_std(
@@ -294,7 +299,7 @@ def compare(new: Prediction, old: Prediction | None, rows: Rows, has_more_sample
         f'{rmse_old[k]:.3g}')
 
 
-def _pose_explains(samples: JointSamples, train: BoolArray, new: Prediction, rmse: FloatArray,
+def _pose_explains(samples: JointSamples, train: BoolArray, new: Candidate, rmse: FloatArray,
                    is_first: bool) -> Iterator[Check]:
     """
     Yield the check that pose explains the effort of a joint, by the RMSE (N,) of a model in N·m.
@@ -330,7 +335,7 @@ def ratio_std(new: FloatArray, old: FloatArray, qd: FloatArray, block: IntArray)
                  / (2.0 * max(float(squares[1].sum()), 1e-30)))
 
 
-def not_output(rows: Rows, new: Prediction, has_new_effects: bool = False) -> Check | None:
+def not_output(rows: Rows, new: Candidate, has_new_effects: bool = False) -> Check | None:
     """
     Return the check that the effort is not the torque that this node published.
 

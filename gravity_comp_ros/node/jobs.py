@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import time
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -33,7 +33,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor, is_outlier, outlier_weights
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import (
-    compare, held_out_rmse, not_output, Prediction, reference_noise)
+    Candidate, compare, held_out_rmse, not_output, reference_noise)
 from gravity_comp_ros.node.checks import Check, OPTIONS
 from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, REST_SPEED
 from gravity_comp_ros.node.hypotheses import moving_rms, Window
@@ -251,21 +251,12 @@ def without_effects(model: GravityModel, samples: JointSamples) -> tuple[JointSa
     return replace(samples, tau=samples.tau - others), others
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Candidate(Prediction):
-    """A model with its prediction at the samples of a job, and its full fit if it is one."""
-
-    model: GravityModel
-    how: str
-    fit: FullFit | None
-
-
 def candidate(model: GravityModel, job: Job, how: str = '',
               fit: FullFit | None = None) -> Candidate:
     """Return a model with its torque at the samples of a job, effects included."""
     samples = job.rows.samples
-    return Candidate(predict_torque(model, samples), residual_noise(model),
-                     fitted_torque(model, samples), model=model, how=how, fit=fit)
+    return Candidate(model, predict_torque(model, samples), residual_noise(model),
+                     fitted_torque(model, samples), how, fit)
 
 
 def candidates(job: Job, chain: GravityModel | None) -> Iterator[Candidate]:

@@ -7,7 +7,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.node import acceptance, checks
-from gravity_comp_ros.node.acceptance import not_output, Prediction
+from gravity_comp_ros.node.acceptance import Candidate, not_output
 from gravity_comp_ros.node.epoch import DELAYS, Rows, SentTorqueHistory
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.watch import Watch, WINDOW
@@ -26,7 +26,7 @@ def motion(n=120, seed=0, gain=(20.0, 8.0), noise=0.1, shift=0.0):
 def echo_of(sent, samples, model):
     """Return the check of a model (M, N) when `sent` (M, D, N) was published."""
     rows = Rows(samples, np.arange(len(samples)) >= 90, sent)
-    return not_output(rows, Prediction(model, np.full(2, 0.1)))
+    return not_output(rows, Candidate(None, model, np.full(2, 0.1)))
 
 
 @pytest.mark.parametrize('delay', range(len(DELAYS)))
@@ -159,7 +159,7 @@ class Linear:
     noise: np.ndarray
 
     def of(self, rows):
-        return Prediction(rows.samples.q * self.gain, self.noise)
+        return Candidate(None, rows.samples.q * self.gain, self.noise)
 
 
 def compare(new, old, train, held, has_more_samples=False):
