@@ -18,8 +18,8 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, SentTorqueHistory, SlowSample
 from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.messages import CompleteReading, JointStateReader, Reading
+from gravity_comp_ros.node.model_in_use import ModelInUse
 from gravity_comp_ros.node.parameters import BY_NAME, Parameters
-from gravity_comp_ros.node.torque_source import ModelInUse
 from gravity_comp_ros.node.watch import Watch
 import numpy as np
 

@@ -14,15 +14,18 @@ Then the limits of rate and size apply.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite
+from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.torque_source import REVOLUTION, TorqueSource
 import numpy as np
 
+REVOLUTION = 2.0 * math.pi
 # States, as they appear in diagnostics.
 NO_MODEL = 'no model'
 DISABLED = 'disabled'
@@ -32,6 +35,54 @@ ACTIVE = 'active'
 HOLDING = 'stale, holding'
 FADING = 'stale, fading'
 FADED = 'stale, faded to zero'
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueSource:
+    """
+    A model for the feed-forward: the static torque (N,) in N·m at a pose, and its trained range.
+
+    `reach` in rad bounds the margin of extrapolation.
+    """
+
+    predict: Callable[[FloatArray], FloatArray]
+    coverage: Coverage
+    reach: float = math.inf
+
+    def nearest(self, q: FloatArray, last: FloatArray | None = None) -> FloatArray:
+        """
+        Return pose q (N,) without the whole revolutions of joints outside the trained range.
+
+        Gravity has a period of one revolution, so the torque is the same. Half a revolution from
+        the middle of the range another pose becomes the nearest one, and a held torque another
+        torque: for `NODE.turn_margin` more, the pose goes on from the `last` one (N,).
+        """
+        outside = self.coverage.distance(q) > 0.0
+        if not outside.any():
+            return q
+        low, high = self.coverage.q_min, self.coverage.q_max
+        middle = 0.5 * (low + high)
+        nearest = q - REVOLUTION * np.round((q - middle) / REVOLUTION)
+        if last is not None:
+            kept = np.maximum(0.5 * (high - low), math.pi) + NODE.turn_margin
+            further = q - REVOLUTION * np.round((q - last) / REVOLUTION)
+            nearest = np.where(np.abs(further - middle) > kept, nearest, further)
+        return np.where(outside, nearest, q)
+
+    def torque(self, q: FloatArray, policy: str, margin: float) -> FloatArray:
+        """
+        Return the torque (N,) in N·m, by the policy beyond the margin in rad.
+
+        :param q: pose (N,), rad, the `nearest` one.
+        """
+        if policy == 'trust':
+            return self.predict(q)
+        inside = np.minimum(np.maximum(q, self.coverage.q_min - margin),
+                            self.coverage.q_max + margin)
+        outside = float(np.abs(q - inside).max())
+        if policy == 'hold':
+            return self.predict(inside)
+        return self.predict(q) * max(0.0, 1.0 - outside / margin)
 
 
 class FeedForward:

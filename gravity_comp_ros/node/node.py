@@ -18,10 +18,10 @@ from gravity_comp_ros.node.job_messages import DIAGNOSIS, FIT
 from gravity_comp_ros.node.learner import Learner
 from gravity_comp_ros.node.messages import CompleteReading, Reading
 from gravity_comp_ros.node.model_history import Reply
+from gravity_comp_ros.node.model_in_use import std_of
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.outputs import LATCHED, Outputs
-from gravity_comp_ros.node.torque_source import std_of
 import numpy as np
 import rclpy
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup

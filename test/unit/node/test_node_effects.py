@@ -10,7 +10,7 @@ from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Valu
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.job_messages import DIAGNOSIS
-from gravity_comp_ros.node.torque_source import ModelInUse
+from gravity_comp_ros.node.model_in_use import ModelInUse
 import numpy as np
 import pytest
 

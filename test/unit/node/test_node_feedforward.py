@@ -5,9 +5,8 @@ import math
 
 from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.node import feedforward as ff
-from gravity_comp_ros.node.feedforward import FeedForward
+from gravity_comp_ros.node.feedforward import FeedForward, TorqueSource
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.torque_source import TorqueSource
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

@@ -17,9 +17,9 @@ from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.job_messages import Job, PAYLOAD, PayloadResult
 from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.model_in_use import ModelInUse
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.torque_source import ModelInUse
 from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, Watch
 from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17
