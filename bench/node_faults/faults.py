@@ -141,7 +141,7 @@ def lost_stamps() -> Fault:
         if (error := player.error()) > 1.0:
             return f'error of {error:.1f} N·m'
         # A report may precede the handling of the messages.
-        while 'stamp_lost' not in str(player.probe.values('input')):
+        while 'no_stamp' not in str(player.probe.values('input')):
             if time.monotonic() > end:
                 return f"input: {text} {player.probe.values('input')}"
             text = player.probe.report('input').message

@@ -18,9 +18,8 @@ Fault = Literal[
     'missing_joint', 'duplicate_joint', 'wrong_size', 'position_not_finite', 'position_absurd',
     'time_back', 'time_still', 'too_old', 'from_future', 'velocity_not_finite',
     'effort_not_finite', 'effort_absurd', 'no_effort', 'clock_jump']
-# Replaced by other data, with a warning: a velocity that contradicts the positions, and stamps of
-# 0 after stamps that were not 0.
-Replaced = Literal['velocity_wrong', 'stamp_lost']
+# Replaced by other data, with a warning: a velocity that contradicts the positions.
+Replaced = Literal['velocity_wrong']
 # Counted, without a warning.
 Handled = Literal['other_joints', 'no_velocity', 'no_stamp']
 Reason = Fault | Replaced | Handled
@@ -79,9 +78,7 @@ class JointStateReader:
         self.allow_continuous(continuous)
         self._names: list[str] | None = None
         self._order = np.zeros(0, dtype=np.intp)
-        self._last = -np.inf
-        self._stamped = False
-        self._unstamped = 0
+        self._last, self._had_no_stamp = -np.inf, False
         # Stamps of consecutive messages that were rejected as earlier.
         self._rejected: list[float] = []
         # Time, position and velocity of the messages within the slope window.
@@ -121,14 +118,12 @@ class JointStateReader:
             return None
         stamp = message.header.stamp
         t = stamp.sec + 1e-9 * stamp.nanosec
-        new_run = self._lost_stamps(t)
-        if t == 0.0 and not self._stamped:
+        # The time of arrival may be of another clock, as where a simulation begins at 0.
+        new_run, self._had_no_stamp = self._had_no_stamp and t != 0.0, t == 0.0
+        if t == 0.0:
             self.counts['no_stamp'] += 1
             t = arrival
-        elif not self._stamped:
-            # The first message of a simulation that begins at 0 seems to have no stamp.
-            self._stamped, new_run = True, self._last > -np.inf
-        if t != 0.0 and not self._is_recent(arrival - t):
+        elif not self._is_recent(arrival - t):
             return None
         if t <= self._last and not new_run:
             if not self._clock_was_set_back(t):
@@ -152,15 +147,6 @@ class JointStateReader:
             return True
         self.counts['too_old' if age > 0.0 else 'from_future'] += 1
         return False
-
-    def _lost_stamps(self, t: float) -> bool:
-        """Return whether stamps are missing from now on, so that the time of arrival counts."""
-        self._unstamped = self._unstamped + 1 if t == 0.0 and self._stamped else 0
-        if self._unstamped < NODE.stamps:
-            return False
-        self._unstamped, self._stamped = 0, False
-        self.counts['stamp_lost'] += 1
-        return True
 
     def _learn_order(self, names: Sequence[str]) -> bool:
         ours = [name for name in names if name in self.joints]

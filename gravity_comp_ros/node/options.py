@@ -16,7 +16,7 @@ class NodeOptions:
 
     - `max_continuous`, rad: largest position of a continuous joint; encoder faults exceed it.
     - `stamps`: consecutive messages with earlier but rising stamps after which the clock counts
-      as set back, or without stamps after which the time of arrival is used.
+      as set back.
     - `slope_time`, s: velocity is checked against the mean slope of position over it, at most
       over `max_slope_time`. It contradicts a slope that exceeds `slope_factor` times it, for
       acceleration, plus `slope_margin`, rad/s, for noise.
