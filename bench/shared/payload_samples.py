@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from bench.shared.node_messages import joint_state, send_message
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.export.numbers import Numbers
+from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import DELAYS, Epoch, rows_of, SlowSample

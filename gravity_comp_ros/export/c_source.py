@@ -15,8 +15,7 @@ from gravity_comp_ros import __version__
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.export import c_text
 from gravity_comp_ros.export.effect_code import effect_code, EffectCode
-from gravity_comp_ros.export.gravity_code import gravity_code
-from gravity_comp_ros.export.numbers import Numbers
+from gravity_comp_ros.export.gravity_code import gravity_code, Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import checksum
 from gravity_comp_ros.printable import printable

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED, in_motion, law_of
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.export.numbers import Numbers
+from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 

@@ -1,5 +1,5 @@
 """
-C statements of a model's gravity torque.
+C statements of a model's gravity torque, and the numbers that they read.
 
 A chain is evaluated by its recursion (`models.kinematic.chain`): the vertical from the base
 outwards, the first moments from the tip inwards, 2N rotations in all. The other formulations are
@@ -8,13 +8,57 @@ written out term by term, with the products that a term has and no others.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+import zlib
 
-from gravity_comp_ros.export.numbers import Numbers
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.dictionary import Expansion
+import numpy as np
+
+
+@dataclass
+class Numbers:
+    """
+    Numbers in the order in which the code uses them, with a label and its unit for each.
+
+    They are one array, which a controller can replace (`gc_set_parameters`). `positive` are the indices of those that the code divides by, `rotations` that of the first of
+    N rotations.
+    """
+
+    labels: list[str] = field(default_factory=list)
+    positive: list[int] = field(default_factory=list)
+    rotations: int | None = None
+    _values: list[float] = field(default_factory=list)
+
+    @property
+    def values(self) -> FloatArray:
+        """Return the numbers (K,)."""
+        return np.array(self._values)
+
+    @property
+    def layout(self) -> int:
+        """Return the CRC-32 of the labels: numbers of the same layout have the same meaning."""
+        return zlib.crc32('\n'.join(self.labels).encode())
+
+    def add(self, label: str, value: float, positive: bool = False) -> str:
+        """Add a number and return the C expression that reads it."""
+        if positive:
+            self.positive.append(len(self.labels))
+        self.labels.append(label)
+        self._values.append(float(value))
+        return f'gc_p[{len(self.labels) - 1}]'
+
+    def add_all(self, labels: Iterable[str], values: Iterable[float]) -> int:
+        """Add numbers and return the index of the first."""
+        start = len(self.labels)
+        for label, value in zip(labels, values):
+            self.add(label, value)
+        return start
+
 
 _CHAIN = """\
     const gc_real *h = gc_p + @H@;

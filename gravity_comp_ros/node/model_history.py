@@ -11,7 +11,7 @@ from threading import Thread
 
 from gravity_comp_ros.errors import ModelFileError, ModelMismatchError
 from gravity_comp_ros.export.c_source import parameters_of
-from gravity_comp_ros.export.numbers import Numbers
+from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node.options import NODE

@@ -10,7 +10,7 @@ from bench.shared.node_messages import (
     feed, motion, refit, send_message, slow_state, status, torque, until)
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.export.numbers import Numbers
+from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node import model_history
 from gravity_comp_ros.node.checks import Check
