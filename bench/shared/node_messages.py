@@ -7,8 +7,8 @@ The arm of most messages has two joints that do not load each other.
 import time
 
 from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.node.checks import FIT
 from gravity_comp_ros.node.epoch import DELAYS, Rows, SlowSample
-from gravity_comp_ros.node.job_messages import FIT
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters

@@ -14,8 +14,8 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.node.checks import FIT, Job
 from gravity_comp_ros.node.epoch import DELAYS, Epoch, rows_of, SlowSample
-from gravity_comp_ros.node.job_messages import FIT, Job
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters

@@ -25,8 +25,8 @@ class Numbers:
     """
     Numbers in the order in which the code uses them, with a label and its unit for each.
 
-    They are one array, which a controller can replace (`gc_set_parameters`). `positive` are the indices of those that the code divides by, `rotations` that of the first of
-    N rotations.
+    They are one array, which a controller can replace (`gc_set_parameters`). `positive` are the
+    indices of those that the code divides by, `rotations` that of the first of N rotations.
     """
 
     labels: list[str] = field(default_factory=list)

@@ -29,11 +29,10 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.checks import Check, OPTIONS
+from gravity_comp_ros.node.checks import Check, Job
 from gravity_comp_ros.node.epoch import DELAYS, FULL_FIT_SAMPLES, REST_SPEED, Rows
 from gravity_comp_ros.node.hypotheses import Explanation, Hypotheses, moving, moving_rms
-from gravity_comp_ros.node.job_messages import Job
-from gravity_comp_ros.node.options import NODE
+from gravity_comp_ros.node.options import CHECKS, NODE
 import numpy as np
 
 # Facts that the input shows before, at the full rate (kept samples are seconds apart), and
@@ -100,7 +99,7 @@ def reference_noise(expected: FloatArray, samples: JointSamples,
     estimated from second differences of the residual. Gravity hardly contributes to these, so a
     sensor with more noise than in the training does not prevent a payload from being accepted.
     """
-    floor = OPTIONS.min_noise * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
+    floor = CHECKS.min_noise * float(np.abs(samples.tau).max(initial=0.0)) + 1e-9
     noise = np.maximum(expected, floor)
     # Neighbours, or with one or two samples left out in between.
     near = (np.diff(samples.t) <= 3.0 * NODE.period) & (np.diff(samples.runs) == 0)
@@ -124,10 +123,10 @@ def joints_agree(samples: JointSamples, residual: FloatArray,
     """
     if change is None:
         spread = samples.tau.std(axis=0)
-        allowed = np.maximum(OPTIONS.max_own * spread,
-                             OPTIONS.max_largest * float(spread.max(initial=0.0)))
+        allowed = np.maximum(CHECKS.max_own * spread,
+                             CHECKS.max_largest * float(spread.max(initial=0.0)))
     else:
-        allowed = np.maximum(OPTIONS.predicted * change[0], OPTIONS.max_largest * change[1])
+        allowed = np.maximum(CHECKS.predicted * change[0], CHECKS.max_largest * change[1])
     ratio = residual / np.maximum(allowed, 1e-9)
     worst = int(np.argmax(ratio))
     name, size = samples.names[worst], f'residual {residual[worst]:.3g} N·m'
@@ -150,7 +149,7 @@ def gravity_present(samples: JointSamples, before: FloatArray, noise: FloatArray
     share = float((weighted * samples.tau / noise).sum()) / power
     # The standard deviation of the share, with the same error in all samples.
     std = (before.size / power) ** 0.5
-    limit = OPTIONS.min_gravity - OPTIONS.significant * std
+    limit = CHECKS.min_gravity - CHECKS.significant * std
     return Check(checks.GRAVITY_PRESENT, share, limit, True, (
         f'the effort contains {share:.0%} of the gravity of the arm itself: drives off, gravity '
         'subtracted by the driver, or another unit or sign'))
@@ -171,21 +170,21 @@ def body_checks(tables: Sequence[Hypotheses],
     explained = max(unchanged, *(each.log_evidence for each in (table.carried, *forces)))
     faults = [(fit.log_evidence, text, has_body) for one in tables
               for fit, text, has_body in one.faults()
-              if abs(fit.mean[0]) >= OPTIONS.min_gain_change and fit.log_evidence > unchanged
-              and one.ratio(fit).max() <= OPTIONS.max_residual]
+              if abs(fit.mean[0]) >= CHECKS.min_gain_change and fit.log_evidence > unchanged
+              and one.ratio(fit).max() <= CHECKS.max_residual]
     # A fault alone is named unless one with a body is clearly better.
-    _, named, _ = max(faults, key=lambda fault: fault[0] - OPTIONS.margin * fault[2],
+    _, named, _ = max(faults, key=lambda fault: fault[0] - CHECKS.margin * fault[2],
                       default=(0.0, '', False))
     yield Check(checks.NO_FAULT, max((evidence for evidence, _, _ in faults), default=-np.inf)
-                - explained, OPTIONS.margin, text=named)
+                - explained, CHECKS.margin, text=named)
     ratio, noise = table.ratio(table.carried), window.reference
     worst = int(np.argmax(ratio))
     joint, expected = table.most_faulty()
-    yield Check(checks.BODY_EXPLAINS, float(ratio[worst]), OPTIONS.max_residual, text=(
+    yield Check(checks.BODY_EXPLAINS, float(ratio[worst]), CHECKS.max_residual, text=(
         f'no payload explains the effort of {names[worst]}: residual '
         f'{ratio[worst] * noise[worst]:.3g} N·m, noise of earlier epochs {noise[worst]:.3g}; most '
         f'likely {names[joint]} {_fault_of(samples.tau[:, joint], expected)}'))
-    limits, known, std = window.settings, table.body(), OPTIONS.significant
+    limits, known, std = window.settings, table.body(), CHECKS.significant
     if known is None:
         change = np.hypot(*table.moments.T)
         worst = int(np.argmax(change))
@@ -225,12 +224,12 @@ def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
     parts = table.explained(np.arange(len(t)) * NODE.parts // len(t)
                             == np.arange(NODE.parts)[:, None])
     present = [
-        Check(checks.BODY_PRESENT, body - table.explain().log_evidence, OPTIONS.min_body, True),
-        Check(checks.IN_EACH_PART, parts, OPTIONS.min_part, True)]
+        Check(checks.BODY_PRESENT, body - table.explain().log_evidence, CHECKS.min_body, True),
+        Check(checks.IN_EACH_PART, parts, CHECKS.min_part, True)]
     other = [
-        Check(checks.NO_PUSH, body - table.push().log_evidence, OPTIONS.min_over_push, True,
+        Check(checks.NO_PUSH, body - table.push().log_evidence, CHECKS.min_over_push, True,
               'something pushes or pulls the last link, not only downwards'),
-        Check(checks.NOT_VARYING, body - table.varying().log_evidence, OPTIONS.margin,
+        Check(checks.NOT_VARYING, body - table.varying().log_evidence, CHECKS.margin,
               True, 'a varying force acts on the last link')]
     return present, other
 
@@ -278,14 +277,14 @@ def compare(new: Candidate, old: Candidate | None, rows: Rows, has_more_samples:
     error_old = samples.tau - samples.tau[train].mean(axis=0) if old is None else old.residual(
         samples)
     rmse_new, rmse_old = (held_out_rmse(error, rows) for error in (error_new, error_old))
-    floor = OPTIONS.min_noise * max(1e-9, float(np.abs(samples.tau[train]).max()))
+    floor = CHECKS.min_noise * max(1e-9, float(np.abs(samples.tau[train]).max()))
     level = np.maximum(np.minimum(rmse_new, rmse_old), floor)
     # In a few held-out seconds pose may explain much of the variance by coincidence.
     rmse = np.maximum(rmse_new, moving_rms(error_new[train], samples.qd[train]))
     noise = np.maximum(np.maximum(new.noise, new.noise if old is None else old.noise), floor)
-    rise = (rmse_new - OPTIONS.max_rise * rmse_old) / noise
+    rise = (rmse_new - CHECKS.max_rise * rmse_old) / noise
     block = np.cumsum((np.diff(held_out, prepend=False) & held_out).astype(np.int64))[held_out]
-    tolerance = -1e-9 if is_first or not has_more_samples else OPTIONS.significant * ratio_std(
+    tolerance = -1e-9 if is_first or not has_more_samples else CHECKS.significant * ratio_std(
         (error_new / level)[held_out], (error_old / level)[held_out], samples.qd[held_out], block)
     ratio = float(rms(rmse_new / level)) / max(float(rms(rmse_old / level)), 1e-30)
     worse = ', '.join(samples.names[j] for j in np.flatnonzero(rise > 1.0))
@@ -309,7 +308,7 @@ def _pose_explains(samples: JointSamples, train: BoolArray, new: Candidate, rmse
     """
     trained = samples.q[train]
     moves = len(trained) >= FULL_FIT_SAMPLES and bool(
-        (np.ptp(trained, axis=0) >= OPTIONS.min_span).any())
+        (np.ptp(trained, axis=0) >= CHECKS.min_span).any())
     if is_first or moves:
         spread = np.maximum((samples.tau - new.nuisance).std(axis=0), 1e-9)
         name, text = (checks.POSE_EXPLAINS, (
@@ -349,15 +348,15 @@ def not_output(rows: Rows, new: Candidate, has_new_effects: bool = False) -> Che
     if rows.sent is None:
         return None
     known = np.isfinite(rows.sent).all(axis=(1, 2))
-    if known.mean() < OPTIONS.min_published_share or known.sum() < 5 or float(
-            np.sqrt((rows.sent[known] ** 2).mean())) < OPTIONS.min_published:
+    if known.mean() < CHECKS.min_published_share or known.sum() < 5 or float(
+            np.sqrt((rows.sent[known] ** 2).mean())) < CHECKS.min_published:
         return None
     torque, tau, qd = rows.sent[known], rows.samples.tau[known], rows.samples.qd[known]
     errors = [tau - new.torque[known], *(tau - torque[:, k] for k in range(len(DELAYS)))]
     if not has_new_effects:
         errors = [_without_friction(error, qd) for error in errors]
     spread = torque[:, 0].std(axis=0)
-    counts = spread > OPTIONS.min_variation * float(spread.max(initial=0.0))
+    counts = spread > CHECKS.min_variation * float(spread.max(initial=0.0))
     model, *echoes = (error[:, counts] for error in errors)
     # A driver has any delay, so the torque is interpolated between those of the history. On a busy
     # machine the delay of some samples differs, so the sizes are medians.
@@ -366,7 +365,7 @@ def not_output(rows: Rows, new: Candidate, has_new_effects: bool = False) -> Che
         for first, second, start, end in zip(echoes, echoes[1:], DELAYS, DELAYS[1:])
         for share in np.linspace(0.0, 1.0, NODE.delay_steps + 1))
     residual = _median_size(model)
-    return Check(checks.NOT_OUTPUT, residual / max(echo, 1e-30), OPTIONS.max_echo, text=(
+    return Check(checks.NOT_OUTPUT, residual / max(echo, 1e-30), CHECKS.max_echo, text=(
         'the effort is the torque that this node published '
         f'{1e3 * delay:.0f} ms before: median difference {echo:.3g} N·m, '
         f'residual of the new model {residual:.3g} N·m. Either the model in use is right already, '

@@ -1,13 +1,22 @@
-"""Checks of a decision: names, statistic and limit of each, and the limits of all of them."""
+"""
+Checks of a decision, and the jobs and results of the fit process.
+
+These types are the only dependency of the node's process on the fit process: it imports neither
+SciPy nor the estimator.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 import json
 import math
 
-from gravity_comp_ros.data.option_checks import check_positive
+from gravity_comp_ros.export.gravity_code import Numbers
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.node.epoch import Rows
+from gravity_comp_ros.node.parameters import Parameters
 
 # Names of the checks, as on `~/checks`; docs/node.md explains each.
 BETTER, NO_JOINT_WORSE = 'better on held-out samples', 'no joint worse'
@@ -20,6 +29,11 @@ NO_PUSH, NOT_VARYING = 'no push in another direction', 'no varying force'
 NO_FACT = 'no fact against the samples'
 LASTS = 'lasts long enough'
 PREDICTS, BETTER_THAN_PREVIOUS = 'predicts new samples', 'better than the previous model'
+# Checks that fail where the effort is faulty.
+FAULTS = (NO_FACT, GRAVITY_PRESENT, JOINTS_AGREE, BODY_EXPLAINS, NO_FAULT, WITHIN_LIMITS)
+# Kinds of jobs: fit a model and compare it with the one in use on held-out samples; find the
+# effects that the model does not include; test whether the samples show another payload.
+FIT, DIAGNOSIS, PAYLOAD = 'fit', 'diagnosis', 'payload test'
 
 
 @dataclass(frozen=True)
@@ -72,98 +86,86 @@ def _number(value: float) -> float | None:
 
 
 @dataclass(frozen=True)
-class CheckOptions:
+class Job:
     """
-    Limits of the checks, and of the data that they use; ratios have no unit, evidence is in nats.
+    The input of one job.
 
-    - `max_rise`: a model may raise the RMSE of no joint by more than this factor plus its noise.
-    - `significant`: standard deviations by which a model of more samples may have a larger error
-      on held-out samples: its expected error is smaller, and the figures of two equal ones differ.
-      Also those by which a mass or a reach may exceed its limit, and the share of gravity may be
-      below it.
-    - `min_noise`: smallest noise and error, as a fraction of the largest torque of the samples.
-    - `min_span`, rad: range from which, with the samples of a full fit, an effort of which pose
-      explains too little (`FactOptions.min_share`) has no gravity.
-    - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
-      variation, and of the largest one; of a change where no chain explains the arm, `max_largest`
-      of the change, or `predicted` times the noise.
-    - `min_gravity`: smallest fraction of the arm's own gravity in the effort; without a tool of
-      5 kg it is 0.58 on an iiwa.
-    - `max_residual`: residual after the fit of a body, in units of the noise of earlier epochs.
-      Real payloads reached 1.6 after 100 samples, faulty joints 3 and more.
-    - `margin`: log evidence by which a fault, with or without a body, may explain the change
-      better, and by which a body must do so better than a varying force, a ratio of 20. After 7 s
-      a dead wrist of an arm without known axes has 3.1 and more, a real payload 4.0 at most, and
-      less with each second. Payloads of 1 to 5 kg had 10 to 200 over a varying force in sixteen.
-      A fault is a gain or a factor that differs from 1 by at least `min_gain_change`.
-    - `max_echo`: largest ratio of the model's residual to that of the published torque.
-    - `min_body`: log evidence of a body over none for a suspicion, odds of 5e8 to 1.
-    - `min_over_push`: log evidence of a body over a push. Payloads of 0.5 to 5 kg had 11 to 54 in
-      six seconds of motion.
-    - `min_part`: share of the squared residual of each third of the window that the rest predicts.
-    - `full_fit_margin`, `sparse_margin`: fraction by which a full fit must have a smaller held-out
-      error than the change of the old model, and a potential than a chain. On about thirty
-      samples a model that was wrong at other poses was better by a tenth.
-    - `new_effects`: factor of the noise of earlier epochs where gravity is fitted jointly with
-      new effects.
-    - `max_outliers`: largest share of outliers; a larger one means that the model or the effort
-      is wrong.
-    - `min_published`, `min_published_share`: published torque that supports an arm, RMS in N·m,
-      and share of the samples with published torque.
-    - `min_variation`: smallest variation of the published torque of a joint that is compared, as
-      a fraction of the largest.
-    - `predicted`, `max_unpredicted`: residual in units of noise up to which a model predicts a
-      new sample, and up to which it predicts a window of them; `max_previous`: largest ratio of
-      the previous model's residual to it for a rollback.
-    - `large`, `min_large`: a test for a payload is due where this share of the samples of each
-      part of the window has a joint with a residual of this many times the noise.
-
-    Priors of the hypotheses, as standard deviations:
-
-    - `correlated`: factor of the noise for the autocorrelated model error of slow samples.
-    - `body`: body on the last link, relative to half of the payload limits, or without known axes
-      to `moment` times the largest residual; the scale is that of the largest evidence.
-    - `force`: relative variation of the force of a hand within `force_time`, s.
-    - `converged`: change of a gain at which its linearisations end.
-
-    :raises OptionError: if a limit is not positive.
+    - `kind`: one of the kinds above.
+    - `rows`: the samples.
+    - `model`: the model in use now; `base` that when the epoch began, whose change may be fitted.
+    - `settings`: formulation and effects of a full fit, limits of a payload, accepted facts.
+    - `geometry`: the axes where they are known.
+    - `on_request`: whether a service call requested the job.
     """
 
-    max_rise: float = 1.2
-    significant: float = 2.0
-    min_noise: float = 1e-3
-    min_span: float = 0.5
-    max_own: float = 0.35
-    max_largest: float = 0.1
-    min_gravity: float = 0.25
-    max_residual: float = 2.5
-    margin: float = 3.0
-    min_gain_change: float = 0.1
-    max_echo: float = 0.9
-    min_body: float = 20.0
-    min_over_push: float = 10.0
-    min_part: float = 0.6
-    full_fit_margin: float = 0.25
-    sparse_margin: float = 0.1
-    new_effects: float = 2.0
-    max_outliers: float = 0.3
-    min_published: float = 0.05
-    min_published_share: float = 0.5
-    min_variation: float = 0.02
-    predicted: float = 4.0
-    max_unpredicted: float = 6.0
-    max_previous: float = 0.5
-    large: float = 3.0
-    min_large: float = 0.75
-    correlated: float = 2.0
-    body: tuple[float, ...] = (0.01, 1.0 / 30.0, 0.1, 1.0 / 3.0, 1.0)
-    moment: float = 30.0
-    force: float = 0.3
-    force_time: float = 2.0
-    converged: float = 1e-3
-
-    def __post_init__(self) -> None:
-        check_positive(self, 'checks')
+    kind: str
+    rows: Rows
+    model: GravityModel | None = None
+    base: GravityModel | None = None
+    settings: Parameters = Parameters()
+    geometry: Geometry | None = None
+    on_request: bool = False
 
 
-OPTIONS = CheckOptions()
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """
+    The best model of a job, its checks, and the computing time in s.
+
+    `numbers` are those of the model for exported C source. `figures` has the errors of the
+    comparison in one line. `outliers` has the number of samples of each joint that were left out.
+    """
+
+    model: GravityModel
+    numbers: Numbers
+    checks: tuple[Check, ...]
+    figures: str
+    how: str
+    seconds: float
+    outliers: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def has_no_gravity(self) -> bool:
+        """True if no joint's effort depends on pose, in enough motion."""
+        return any(check.name == POSE_EXPLAINS and not check.passed
+                   for check in self.checks)
+
+    @property
+    def accepted(self) -> bool:
+        return failed(self.checks) is None
+
+    @property
+    def fault(self) -> str:
+        """The reason for which the effort is faulty; empty if it is not."""
+        return next((check.text for check in self.checks
+                     if check.name in FAULTS and not check.passed), '')
+
+    @property
+    def reason(self) -> str:
+        """The decision with its figures in one line."""
+        refusal = failed(self.checks)
+        return self.figures if refusal is None else f'{refusal.text} ({self.figures})'
+
+
+@dataclass(frozen=True)
+class PayloadResult:
+    """
+    The result of a payload test.
+
+    `text` is a sentence, `values` are named figures. `is_other` is true if the effort has changed
+    in a way that no payload explains.
+    """
+
+    text: str
+    checks: tuple[Check, ...] = ()
+    values: Mapping[str, str] = field(default_factory=dict)
+    is_other: bool = False
+
+    @property
+    def is_payload(self) -> bool:
+        """True if a body on the last link explains the window: every check passed."""
+        return bool(self.checks) and failed(self.checks) is None
+
+
+# The result of a diagnosis is a text.
+Result = FitResult | PayloadResult | str

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 
 from gravity_comp_ros.evaluation.expected_residual import expected_residual
 from gravity_comp_ros.node.arm import Arm, NO_LIMITS
-from gravity_comp_ros.node.checks import OPTIONS
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.learner import FAULTY, FINE, Learner, REFUSED
 from gravity_comp_ros.node.messages import FAULTS, REPLACED
 from gravity_comp_ros.node.model_history import ModelHistory
-from gravity_comp_ros.node.options import NODE
+from gravity_comp_ros.node.options import CHECKS, NODE
 from gravity_comp_ros.node.watch import Watch
 from gravity_comp_ros.worker.worker_process import BUSY, READY
 
@@ -156,7 +155,7 @@ def joint_statuses(arm: Arm) -> list[Status]:
             values['residual beside friction [Nm]'] = f'{other:.4f}'
             message = f'residual {whole:.3g} N·m'
             ratio = other / expected_residual(in_use.model)[k]
-            if not arm.epoch.is_open and ratio > OPTIONS.max_unpredicted and (
+            if not arm.epoch.is_open and ratio > CHECKS.max_unpredicted and (
                     outside is None or not outside.any()):
                 level = WARN
                 message += (f', {ratio:.0f} times that of the training: another payload? call '

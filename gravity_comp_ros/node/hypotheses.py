@@ -31,8 +31,8 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.least_squares import square_root
-from gravity_comp_ros.node.checks import OPTIONS
 from gravity_comp_ros.node.epoch import REST_SPEED
+from gravity_comp_ros.node.options import CHECKS
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.regression.options import EngineOptions
 import numpy as np
@@ -119,7 +119,7 @@ class Hypotheses:
         self.window, samples, geometry = window, window.samples, window.geometry
         self.before = window.model.predict(samples.q)
         self._n, self._price = window.noise.size, trial.price
-        self._sigma = OPTIONS.correlated * window.noise
+        self._sigma = CHECKS.correlated * window.noise
         self._r = self._white((samples.tau - self.before).T[None])[0]
         friction_columns = _friction_columns(window)
 
@@ -129,7 +129,7 @@ class Hypotheses:
 
         self._base = base(trial.chain)
         # Moments (K, 2N) in N·m of one prior standard deviation of each coefficient of a body.
-        largest = OPTIONS.moment * float(np.abs(samples.tau - self.before).max()) + 1e-9
+        largest = CHECKS.moment * float(np.abs(samples.tau - self.before).max()) + 1e-9
         moments = (largest * np.eye(2 * self._n) if geometry is None
                    else self._units()[:, None] * geometry.tool_moments())
         kinematics = ForwardKinematics(trial.chain.axes, samples.q)
@@ -138,7 +138,7 @@ class Hypotheses:
                   for along in (2, 0, 1)]
         # The size of the body is that of the largest evidence: a light one is as likely as a
         # heavy one.
-        self._scale = max(OPTIONS.body,
+        self._scale = max(CHECKS.body,
                           key=lambda scale: self.explain(scale * forces[0]).log_evidence)
         self._body, *self._horizontal = (self._scale * columns for columns in forces)
         # The uncertainty of an axis matters as much as the moments that it carries.
@@ -166,7 +166,7 @@ class Hypotheses:
         mean = inverse @ projection
         evidence = (-0.5 * float(r @ r - projection @ mean)
                     - 0.5 * float(np.linalg.slogdet(gram)[1])) - self._price
-        residual = OPTIONS.correlated * (r - mean @ design).reshape(self._n, -1).T
+        residual = CHECKS.correlated * (r - mean @ design).reshape(self._n, -1).T
         k = len(own)
         return Explanation(evidence, residual, mean[:k], inverse[:k, :k])
 
@@ -182,10 +182,10 @@ class Hypotheses:
     def varying(self) -> Explanation:
         """Return the fit of a body whose torque varies in time, as the force of a hand does."""
         torque, t = self.carried.mean @ self._body, self.window.samples.t
-        time = OPTIONS.force_time
+        time = CHECKS.force_time
         knots = np.arange(t[0], t[-1] + time, time)
         hats = np.maximum(0.0, 1.0 - np.abs(t - knots[:, None]) / time)
-        return self.explain(self._body, OPTIONS.force * np.tile(hats, self._n) * torque,
+        return self.explain(self._body, CHECKS.force * np.tile(hats, self._n) * torque,
                             base=self._loaded)
 
     def faults(self) -> Iterator[tuple[Explanation, str, bool]]:
@@ -212,7 +212,7 @@ class Hypotheses:
     def body_and_gain(self, joint: int) -> Explanation:
         """Return the fit of a body and another gain of one joint, which comes first."""
         return max((self._gain(joint, scale / self._scale * self._body, self._loaded)
-                    for scale in OPTIONS.body), key=_EVIDENCE)
+                    for scale in CHECKS.body), key=_EVIDENCE)
 
     def _gain(self, joint: int, body: FloatArray, base: FloatArray) -> Explanation:
         """
@@ -232,7 +232,7 @@ class Hypotheses:
                                r=self._r + gain * torque)
             before, gain = gain, float(fit.mean[0])
             torque = np.where(here, fit.mean[len(fault):] @ body, 0.0)
-            if abs(gain - before) < OPTIONS.converged:
+            if abs(gain - before) < CHECKS.converged:
                 break
         fits = [fit]
         for gain in (-1.0, -2.0):

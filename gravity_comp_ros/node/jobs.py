@@ -34,11 +34,11 @@ from gravity_comp_ros.models.noise import floor, is_outlier, outlier_weights
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import (
     Candidate, compare, held_out_rmse, not_output, reference_noise)
-from gravity_comp_ros.node.checks import Check, OPTIONS
+from gravity_comp_ros.node.checks import (
+    Check, DIAGNOSIS, FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
 from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, REST_SPEED
 from gravity_comp_ros.node.hypotheses import moving_rms, Window
-from gravity_comp_ros.node.job_messages import (
-    DIAGNOSIS, FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
+from gravity_comp_ros.node.options import CHECKS
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.worker.serve import ProgressCallback, Work
 import numpy as np
@@ -203,7 +203,7 @@ def _checks(job: Job, chain: GravityModel | None, best: Candidate) -> Iterator[C
         yield acceptance.joints_agree(job.rows.train, residual)
         return
     # With other effects gravity changes without a change of the payload.
-    source, allowance = (model, OPTIONS.new_effects) if has_new_effects else (base, 1.0)
+    source, allowance = (model, CHECKS.new_effects) if has_new_effects else (base, 1.0)
     gravity, friction = without_effects(source, samples)
     before = base.predict(gravity.q)
     noise = allowance * reference_noise(expected_residual(base), gravity, gravity.tau - before)
@@ -242,7 +242,7 @@ def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
 
 
 def _none_if_too_many(outliers: BoolArray) -> BoolArray:
-    return outliers & (outliers.any(axis=1).mean() <= OPTIONS.max_outliers)
+    return outliers & (outliers.any(axis=1).mean() <= CHECKS.max_outliers)
 
 
 def without_effects(model: GravityModel, samples: JointSamples) -> tuple[JointSamples, FloatArray]:
@@ -344,7 +344,7 @@ def _best(tried: list[Candidate], job: Job) -> Candidate:
     """
     best, *others = tried
     for other in others:
-        margin = OPTIONS.full_fit_margin if best.fit is None else OPTIONS.sparse_margin
+        margin = CHECKS.full_fit_margin if best.fit is None else CHECKS.sparse_margin
         if checks.failed(compare(other, best, job.rows, margin=margin)[0]) is None:
             best = other
     return best

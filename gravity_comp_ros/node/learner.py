@@ -10,10 +10,9 @@ import math
 from typing import Any
 
 from gravity_comp_ros.node.arm import Arm
-from gravity_comp_ros.node.checks import Check, to_json
+from gravity_comp_ros.node.checks import (
+    Check, FIT, FitResult, Job, PAYLOAD, PayloadResult, Result, to_json)
 from gravity_comp_ros.node.epoch import Epoch, FULL_FIT_SAMPLES, Rows, rows_of
-from gravity_comp_ros.node.job_messages import (
-    FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.watch import LEARN
 from gravity_comp_ros.worker.worker_process import Failed, READY, Supervised

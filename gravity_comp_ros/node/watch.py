@@ -15,10 +15,9 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.checks import Check, OPTIONS
-from gravity_comp_ros.node.job_messages import PayloadResult
+from gravity_comp_ros.node.checks import Check, PayloadResult
 from gravity_comp_ros.node.messages import CompleteReading
-from gravity_comp_ros.node.options import NODE
+from gravity_comp_ros.node.options import CHECKS, NODE
 import numpy as np
 
 LEARN = 'learn'
@@ -95,7 +94,7 @@ class Watch:
             (N,) in N·m.
         """
         error = np.abs(residual) / self._expected
-        if not self.is_confirmed and float(error.max()) < OPTIONS.predicted:
+        if not self.is_confirmed and float(error.max()) < CHECKS.predicted:
             self._predicted += 1
         if self._before is not None:
             old = np.abs(gravity + residual - self._before.predict_one(reading.q)) / self._expected
@@ -113,8 +112,8 @@ class Watch:
         rows.append(row)
         self._wait = max(0, self._wait - 1)
         ratio = np.array([row.ratio for row in rows])
-        self._due = self._due_lengths(np.abs(ratio).max(axis=1) > OPTIONS.large)
-        if len(rows) >= MIN_WINDOW and rms(ratio[-MIN_WINDOW:]).max() < OPTIONS.max_residual:
+        self._due = self._due_lengths(np.abs(ratio).max(axis=1) > CHECKS.large)
+        if len(rows) >= MIN_WINDOW and rms(ratio[-MIN_WINDOW:]).max() < CHECKS.max_residual:
             self.finding = None
 
     def model_checks(self) -> list[Check]:
@@ -123,11 +122,11 @@ class Watch:
             return []
         new, old = (float(rms(np.array(errors)).max()) for errors in zip(*self._errors))
         return [
-            Check(checks.PREDICTS, new, OPTIONS.max_unpredicted, text=(
+            Check(checks.PREDICTS, new, CHECKS.max_unpredicted, text=(
                 f'the residual of the model in use is {new:.0f} times its noise over {WINDOW} '
                 f'new samples, that of the previous model {old:.0f} times')),
             Check(checks.BETTER_THAN_PREVIOUS, old,
-                  max(OPTIONS.max_previous * new, OPTIONS.predicted), True)]
+                  max(CHECKS.max_previous * new, CHECKS.predicted), True)]
 
     def is_due(self) -> bool:
         """Return whether a full test of the samples is due."""
@@ -161,5 +160,5 @@ class Watch:
         lengths = {min(count, MAX_WINDOW), MIN_WINDOW,
                    *(math.ceil(factor * enough) for factor in NODE.lengths)}
         return [length for length in sorted(lengths, reverse=True) if length <= count
-                and all(part.mean() >= OPTIONS.min_large
+                and all(part.mean() >= CHECKS.min_large
                         for part in np.array_split(large[-length:], NODE.parts))]

@@ -18,9 +18,9 @@ from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import (
     body_checks, gravity_present, joints_agree, reference_noise)
+from gravity_comp_ros.node.checks import FAULTS, FIT, Job
 from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.hypotheses import Window
-from gravity_comp_ros.node.job_messages import FAULTS, FIT, Job
 from gravity_comp_ros.node.jobs import outliers_of_change, run_fit
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload

@@ -8,8 +8,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.node.checks import DIAGNOSIS
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.job_messages import DIAGNOSIS
 from gravity_comp_ros.node.model_in_use import ModelInUse
 import numpy as np
 import pytest

@@ -15,8 +15,8 @@ from bench.shared.rough_links import two_links, WIDE
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node import node as node_module
+from gravity_comp_ros.node.checks import DIAGNOSIS, FIT, FitResult, Job
 from gravity_comp_ros.node.epoch import Rows
-from gravity_comp_ros.node.job_messages import DIAGNOSIS, FIT, FitResult, Job
 from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
 from gravity_comp_ros.node.node import GravityCompNode
 from gravity_comp_ros.node.parameters import Parameters

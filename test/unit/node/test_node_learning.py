@@ -13,9 +13,8 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node import model_history
-from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.checks import Check, DIAGNOSIS, FIT, FitResult
 from gravity_comp_ros.node.diagnostics import ERROR, OK, WARN
-from gravity_comp_ros.node.job_messages import DIAGNOSIS, FIT, FitResult
 from gravity_comp_ros.node.learner import Pending
 import numpy as np
 import pytest

@@ -17,8 +17,9 @@ ROOT = Path(__file__).resolve().parents[3]
 
 def test_every_check_and_every_fault_of_the_input_is_documented():
     page = (ROOT / 'docs' / 'node.md').read_text()
+    kinds = checks.FIT, checks.DIAGNOSIS, checks.PAYLOAD
     names = [value for name, value in vars(checks).items()
-             if name.isupper() and isinstance(value, str)]
+             if name.isupper() and isinstance(value, str) and value not in kinds]
     assert len(names) == 18 and all(f'| {name} |' in page for name in names)
     assert all(f'`{reason}`' in page
                for reason in (*messages.FAULTS, *messages.REPLACED, *messages.HANDLED))

@@ -11,10 +11,9 @@ from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Valu
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.node import checks
-from gravity_comp_ros.node.checks import Check
+from gravity_comp_ros.node.checks import Check, Job, PAYLOAD, PayloadResult
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.epoch import Rows
-from gravity_comp_ros.node.job_messages import Job, PAYLOAD, PayloadResult
 from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.model_in_use import ModelInUse
