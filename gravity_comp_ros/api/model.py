@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.display import Displayable, shortened, TextTable
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.models.gravity_model import ADDED, GravityModel, Step, UPDATED
-from gravity_comp_ros.models.history import undone
+from gravity_comp_ros.models.history import now, undone
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.printable import counted
 import numpy as np

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TYPE_CHECKING
 
-from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.data.differentiation import differentiate, is_inconsistent, slope_ratios
 from gravity_comp_ros.data.gate import apply_gate, GateOptions, GateResult
-from gravity_comp_ros.data.holdout import blocks_to_hold_out, within
+from gravity_comp_ros.data.holdout import Block, blocks_to_hold_out, within
 from gravity_comp_ros.data.runs import rows_of
 from gravity_comp_ros.data.samples import BoolArray, concatenate, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, TextTable
@@ -25,6 +24,22 @@ if TYPE_CHECKING:
 Progress = Callable[[str, float], None]
 # One array, or a list with one array per run.
 ArrayOrRuns = ArrayLike | Sequence[ArrayLike]
+
+
+@dataclass(frozen=True)
+class Holdout:
+    """Held-out part of a recording: requested fraction, number of samples, blocks of time."""
+
+    fraction: float
+    n_samples: int
+    blocks: tuple[Block, ...]
+
+    def to_json(self, reports: Sequence[ReadReport]) -> dict[str, Any]:
+        """Return the provenance entry; blocks of arrays are omitted, as they have no file."""
+        return {'fraction': self.fraction, 'n_samples': self.n_samples,
+                'blocks': [{'name': reports[b.run].path.name, 'sha256': reports[b.run].sha256,
+                            'start': b.start, 'end': b.end} for b in self.blocks
+                           if b.run < len(reports)]}
 
 
 def _runs(what: str, values: ArrayOrRuns, ndim: int,

@@ -7,16 +7,15 @@ the errors that they raise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.api.axes import ArmOptions, known_arm, KnownArm
-from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import apply_gate, GateOptions
-from gravity_comp_ros.data.holdout import GUARD, within
+from gravity_comp_ros.data.holdout import Block, GUARD, within
 from gravity_comp_ros.data.runs import recorded_time, rows_of
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED, JointOrder, TORQUES
@@ -37,8 +36,11 @@ from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.facts.fact import Fact
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
-from gravity_comp_ros.models.history import with_step
+from gravity_comp_ros.models.history import now, with_step
 import numpy as np
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.recordings.bag import ReadReport
 
 PAYLOAD = 'payload'
 # Maximum recorded time, in s, for which the convergence of the model is tested.
@@ -288,6 +290,22 @@ def update_model(model: GravityModel, recording: Recording,
     changed = with_step(replace(result.model, provenance=provenance), model, (PAYLOAD,), now(),
                         result.report.rmse_before, result.report.rmse, UPDATED)
     return replace(result, model=changed), arm
+
+
+def merged_bags(model: GravityModel, reports: Iterable[ReadReport]) -> list[dict[str, Any]]:
+    """Return the recordings of the model's provenance, and those of `reports` that are new."""
+    known = list(model.provenance.get('bags', ()))
+    seen = {bag['sha256'] for bag in known}
+    return [*known, *(report.to_json() for report in reports if report.sha256 not in seen)]
+
+
+def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport],
+                    guard: float = 0.0) -> list[Block]:
+    """Return the blocks of these recordings held out of the fit, each extended by `guard` s."""
+    blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
+    return [Block(run, block['start'] - guard, block['end'] + guard)
+            for run, report in enumerate(reports)
+            for block in blocks if block['sha256'] == report.sha256]
 
 
 def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:

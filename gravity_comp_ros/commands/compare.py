@@ -6,9 +6,8 @@ import argparse
 from collections.abc import Mapping
 from dataclasses import replace
 
-from gravity_comp_ros.api.provenance import held_out_blocks
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import compare_model
+from gravity_comp_ros.api.steps import compare_model, held_out_blocks
 from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples

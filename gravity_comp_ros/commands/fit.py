@@ -8,8 +8,7 @@ from math import degrees
 import time
 
 from gravity_comp_ros.api.axes import known_arm
-from gravity_comp_ros.api.provenance import Holdout
-from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.recording import Holdout, Recording
 from gravity_comp_ros.api.steps import compare_model, learn, Learned, with_enough_motion
 from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer

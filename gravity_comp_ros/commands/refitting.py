@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from gravity_comp_ros.api.provenance import held_out_blocks, now
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import compare_model, not_held_out
+from gravity_comp_ros.api.steps import compare_model, held_out_blocks, not_held_out
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.arguments import gate
 from gravity_comp_ros.data.gate import GateOptions
@@ -19,7 +18,7 @@ from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit import HeldOut, Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.history import undone
+from gravity_comp_ros.models.history import now, undone
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from rich.table import Table

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from datetime import datetime, UTC
 
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import ADDED, GravityModel, REMOVED, Step
@@ -42,3 +43,8 @@ def undone(model: GravityModel, when: str) -> GravityModel:
 
 def _updates(model: GravityModel) -> int:
     return len(model.provenance.get('updates', ()))
+
+
+def now() -> str:
+    """Return the current UTC time in ISO 8601 format."""
+    return datetime.now(UTC).isoformat(timespec='seconds')

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 from bokeh.models import ColumnDataSource, Span
-from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
@@ -16,6 +15,7 @@ from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.evaluation.compare import Comparison, REGIONS
 from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.history import now
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report.style import padded, PURPLE

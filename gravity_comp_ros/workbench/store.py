@@ -19,7 +19,6 @@ import tempfile
 from typing import Any
 
 from gravity_comp_ros.api.axes import ArmOptions, WITH_AXES
-from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
@@ -28,6 +27,7 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.history import now
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 
