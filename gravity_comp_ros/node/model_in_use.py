@@ -51,8 +51,10 @@ class ModelInUse:
             self.problem = f'without {", ".join(static.left_out)}, which depends on time'
 
         def torque(q: FloatArray) -> FloatArray:
-            gravity = model.predict_one(q)
-            return gravity + static.torque(q, rest, gravity)
+            gravity, range_ = model.predict_one(q), model.coverage
+            inside = np.minimum(np.maximum(q, range_.q_min), range_.q_max)
+            # A spring or a stop, unlike gravity, grows without limit outside the trained range.
+            return gravity + static.torque(inside, rest, gravity)
 
         self.source = TorqueSource(
             torque if static.targets else model.predict_one, model.coverage,

@@ -146,6 +146,9 @@ def test_what_holds_the_arm_is_published(model_file, nodes, tmp_path):
                applied('torque_offset', 'a', b=0.7),
                applied('coulomb_friction', 'a', {'width': 0.005}, F_c=FRICTION))
     model, path, q = load_model(model_file), tmp_path / 'model.json', np.array([0.3, 0.2])
+    # Outside the trained range a spring is not extrapolated.
+    outside, high = np.array([0.3, 0.9]), model.coverage.q_max[1]
+    assert 0.2 < high < 0.6
     for extra, level in (((), OK), ((applied(
             'encoder_offset', 'a', {'run': 0.0, 'time': 0.0, 'clock': 0.0}, delta=0.1),), WARN)):
         save_model(path, replace(model, applied=Applied((*effects, *extra))))
@@ -153,6 +156,8 @@ def test_what_holds_the_arm_is_published(model_file, nodes, tmp_path):
                           max_torque=(50.0,))
         np.testing.assert_allclose(send(node, 1.0, q, 0 * q + 0.1, 0 * q),
                                    model.predict_one(q) + [0.7, 2.0 * 0.1])
+        np.testing.assert_allclose(send(node, 1.1, outside),
+                                   model.predict_one(outside) + [0.7, 2.0 * (high - 0.1)])
         status = {s.name: s for s in node.statuses(1.0)}['feed-forward']
         assert status.level == level
         assert set(status.values['static effects'].split(', ')) == {
