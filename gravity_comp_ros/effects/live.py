@@ -15,6 +15,7 @@ from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.printable import printable
 import numpy as np
 
 # Weighted joints whose sum moves, and the distance in rad and the skew of its element.
@@ -64,10 +65,12 @@ class _Term:
             factors = coefficients(applied, effect, moment, joint)
             effect.torque(moment, joint, applied.setting, factors)
             return cls(effect, applied, joint, factors)
-        except (ModelMismatchError, AttributeError, LookupError, ValueError) as problem:
+        except Exception as problem:
+            # A plug-in may raise any error; a control loop must not end by it.
             raise ModelMismatchError(
-                f'effect {applied.target} of the model was fitted by another version and is left '
-                'out; fit it again') from problem
+                f'effect {applied.target} of the model was fitted by another version, or its code '
+                f'fails ({type(problem).__name__}: {printable(problem)}); it is left out'
+            ) from problem
 
     def add_to(self, total: FloatArray, moment: Motion) -> None:
         """Add the torque to that of all joints (N,), N·m."""

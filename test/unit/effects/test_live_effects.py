@@ -3,6 +3,7 @@
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.live import LiveEffects
 from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
@@ -71,13 +72,20 @@ def test_friction_with_a_memory_persists_at_rest_in_spite_of_encoder_noise():
     assert min(noisy) > 1.8
 
 
-def test_an_effect_of_another_version_is_left_out_before_the_loop():
+def test_an_effect_of_another_version_is_left_out_before_the_loop(monkeypatch):
     for one in (effect('stribeck_friction', 'a', F_s=1.0),
                 effect('coulomb_friction', 'a', {'width': WIDTH}, F_x=1.0),
                 effect('not_installed', 'a', x=1.0)):
         result = LiveEffects(model((one,)), [one, EFFECTS[1]])
         assert result.targets == ('viscous_friction:a',)
         assert one.name in result.problem
+    # So is an effect whose code fails: the control loop must not end.
+    def fails(*_):
+        raise ZeroDivisionError('no speed')
+
+    monkeypatch.setattr(library_effects()['viscous_friction'], 'torque', fails)
+    result = LiveEffects(model(EFFECTS[:2]), EFFECTS[:2])
+    assert result.targets == ('coulomb_friction:a',) and 'no speed' in result.problem
     # Effects with a history are left out.
     drift = effect('torque_drift', 'a', {'origin': 0.0, 'time': 100.0}, r=1.0, b=2.0)
     result = LiveEffects(model((drift,)), [drift])
