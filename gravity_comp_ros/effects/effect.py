@@ -142,7 +142,7 @@ class Effect(ABC):
     why_not_larger: str = ''
 
     def __init__(self) -> None:
-        missing = [word for word in ATTRIBUTES if not hasattr(self, word)]
+        missing = [word for word in get_type_hints(Effect) if not hasattr(self, word)]
         if missing:
             raise OptionError(f'effect {getattr(self, "name", type(self).__name__)} has no '
                               f'{", ".join(missing)}')
@@ -224,7 +224,3 @@ class Effect(ABC):
             size = f'{largest:.3g} {self.coefficients[0].unit}'.rstrip()
             return f'{size} is too large: {self.why_not_larger}'
         return None
-
-
-# Names of the attributes of every effect.
-ATTRIBUTES = tuple(get_type_hints(Effect))

@@ -8,15 +8,17 @@ skipped, with one line in `broken_plug_ins`. A plug-in that fails on a motion is
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import entry_points
 
 from gravity_comp_ros.effects import (
     elastic, friction, friction_memory, geometry, lubrication, offset, payload, periodic,
     rigid_body, timing)
 from gravity_comp_ros.effects.effect import Effect
-from gravity_comp_ros.effects.entry_points import effects_of
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import printable
+import numpy as np
 
 GROUP = 'gravity_comp_ros.effects'
 _FAMILIES = (friction, lubrication, friction_memory, offset, elastic, periodic, geometry, payload,
@@ -45,7 +47,7 @@ def _load() -> tuple[dict[str, Effect], tuple[str, ...]]:
     for point in sorted(entry_points(group=GROUP), key=lambda p: (p.name, p.value)):
         where = f'effect plug-in {printable(point.name)} ({printable(point.value)})'
         try:
-            added = effects_of(point.load())
+            added = _effects_of(point.load())
         # A plug-in can raise any error on import, or exit.
         except (Exception, SystemExit) as error:  # noqa: B902
             reason = printable(error) or type(error).__name__
@@ -57,3 +59,50 @@ def _load() -> tuple[dict[str, Effect], tuple[str, ...]]:
             else:
                 effects[effect.name] = effect
     return effects, tuple(skipped)
+
+
+def _effects_of(loaded: object) -> list[Effect]:
+    """
+    Return the guarded effects of an entry point: one, or a list or tuple of them.
+
+    A class is instantiated.
+
+    :raises OptionError: if it refers to another object, or an attribute of an effect is missing.
+    """
+    effects = []
+    for entry in loaded if isinstance(loaded, (list, tuple)) else (loaded,):
+        effect = entry() if isinstance(entry, type) and issubclass(entry, Effect) else entry
+        if not isinstance(effect, Effect):
+            raise OptionError(f'it is a {type(effect).__name__}, not an Effect')
+        if not isinstance(effect.name, str) or not effect.name.isidentifier():
+            raise OptionError(f'its name {effect.name!r} must consist of letters, digits and _')
+        Effect.__init__(effect)  # its own may not check the attributes
+        effects.append(guarded(effect))
+    return effects
+
+
+def guarded(effect: Effect) -> Effect:
+    """Return an effect of another package, now untestable on motions on which its methods fail."""
+    vars(effect)['untestable'] = partial(_untestable, effect)
+    return effect
+
+
+def _untestable(effect: Effect, motion: Motion, joint: int) -> str | None:
+    """Return why a motion does not excite an effect, or the error of its methods."""
+    try:
+        return type(effect).untestable(effect, motion, joint) or _fault(effect, motion, joint)
+    except Exception as error:  # noqa: B902
+        return f'the plug-in of {effect.name} fails: {printable(error) or type(error).__name__}'
+
+
+def _fault(effect: Effect, motion: Motion, joint: int) -> str | None:
+    """Return the error in an effect's columns on a motion, or None."""
+    m, n = motion.samples.q.shape
+    for setting in effect.settings(motion, joint):
+        columns = np.asarray(effect.columns(motion, joint, setting))
+        k = len(effect.coefficients_of(motion, joint, setting))
+        shape = (m, k) if effect.scope == 'joint' else (m, n, k)
+        if columns.shape != shape or not np.isfinite(columns).all():
+            return (f'the plug-in of {effect.name} fails: its columns are {columns.shape} and '
+                    f'must be {shape}, and finite')
+    return None
