@@ -59,22 +59,11 @@ class CommonSettings:
         """Return a term with other common parameters, if it has any."""
         return with_common(self.factory, term, common)
 
-    def of_joint(self, joint: int) -> list[Common]:
-        """Return the common parameters that are compared on a joint."""
-        return list({tuple(t.common.items()): t.common
-                     for t in self.candidates.of_joint[joint] if t.common}.values())
-
     def neighbours(self, term: Term, step: float) -> list[Common]:
         """Return the neighbours of the common parameters of a term."""
         settings = term.effect.refine(self.factory.motion, term.joint_number, term.setting, step)
         near = [{name: setting[name] for name in term.common} for setting in settings]
         return [common for common in near if common != term.common]
-
-    def compared(self, posterior: Posterior, terms: Sequence[Term], others: Iterable[Common]
-                 ) -> list[tuple[float, list[Term]]]:
-        """Return the gains of terms together at other common parameters, and the terms there."""
-        tried = [[self.at(term, common) for term in terms] for common in others]
-        return [(gain_together(posterior, each), each) for each in tried]
 
     def refined(self, posterior: Posterior, terms: Sequence[Term], halvings: int) -> list[Term]:
         """
@@ -83,6 +72,8 @@ class CommonSettings:
         :param posterior: with coefficients of 0 for these terms.
         """
         def near(present: list[Term], step: float) -> list[tuple[float, list[Term]]]:
-            return self.compared(posterior, present, self.neighbours(present[0], step))
+            tried = [[self.at(term, common) for term in present]
+                     for common in self.neighbours(present[0], step)]
+            return [(gain_together(posterior, each), each) for each in tried]
 
         return climbed(list(terms), gain_together(posterior, terms), near, halvings)[1]

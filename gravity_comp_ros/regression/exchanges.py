@@ -6,8 +6,7 @@ from itertools import combinations
 
 from gravity_comp_ros.data.samples import BoolArray
 from gravity_comp_ros.regression.alternatives import alternatives
-from gravity_comp_ros.regression.common_settings import common_of
-from gravity_comp_ros.regression.gains import gain_of, without_weak
+from gravity_comp_ros.regression.gains import without_weak
 from gravity_comp_ros.regression.noise import MAX_NOISES, noise_std
 from gravity_comp_ros.regression.search import Search, Terms
 from gravity_comp_ros.regression.term import is_consistent, Key, Term
@@ -37,22 +36,9 @@ def run(search: Search, with_exchanges: bool = True) -> bool:
 
 
 def _exchange(search: Search) -> bool:
-    """Exchange terms between joints, merge equal ones, or select a joint again."""
-    moves = _other_common, _between_joints, _merge, _pair, _unpair, _again
+    """Exchange a term between joints, add two, replace two by one, or select a joint again."""
+    moves = _between_joints, _pair, _unpair, _again
     return any(move(search) for move in moves)
-
-
-def _other_common(search: Search) -> bool:
-    """Change the common parameters of a joint to others that are compared."""
-    for own in search.groups():
-        without = search.posterior.without(own)
-        _, best = max(search.common.compared(
-            without, own, search.common.of_joint(own[0].joint_number)),
-            key=lambda each: each[0], default=(0.0, list(own)))
-        refined = search.common.refined(without, best, search.options.halvings)
-        if search.accept(search.replaced(own, refined), 'exchange'):
-            return True
-    return False
 
 
 def _between_joints(search: Search) -> bool:
@@ -63,28 +49,6 @@ def _between_joints(search: Search) -> bool:
         minimum = search.posterior.log_evidence + search.options.significant
         if best is not None and best.log_evidence > minimum and search.accept(
                 best.posterior.terms, 'exchange'):
-            return True
-    return False
-
-
-def _merge(search: Search) -> bool:
-    """Replace equal effects on several joints by one on another joint."""
-    for name in sorted({term.name for term in search.terms}):
-        same = tuple(t for t in search.terms if t.name == name and t.key not in search.forced)
-        if len(same) < 2:
-            continue
-        without = search.posterior.without(same)
-        rest = tuple(t for t in search.terms if t not in same)
-        joints = {t.joint for t in same}
-        others = [c for part in search.candidates.of_joint for c in part
-                  if c.name == name and c.joint not in joints]
-        best = max(((gain_of(without, c), k) for k, c in enumerate(others)),
-                   default=None)
-        if best is None:
-            continue
-        new = others[best[1]]
-        new = search.common.at(new, common_of(rest, new.joint))
-        if search.accept((*rest, new), 'merge'):
             return True
     return False
 
