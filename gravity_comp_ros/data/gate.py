@@ -10,7 +10,6 @@ from gravity_comp_ros.data.differentiation import with_accelerations
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.data.short_vectors import all_finite, Bounds
 from gravity_comp_ros.errors import DataError, Hint, OptionError
 from gravity_comp_ros.printable import counted
 import numpy as np
@@ -96,7 +95,7 @@ class Gate:
 
     def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
         self._options = options
-        self._slow = Bounds(options.speeds(n_joints))
+        self._max_speed = options.speeds(n_joints)
         self.reset()
 
     def reset(self) -> None:
@@ -113,14 +112,14 @@ class Gate:
         :param q: positions (N,) in rad.
         :param qd: velocities (N,) in rad/s.
         """
-        if not (math.isfinite(t) and all_finite(q) and all_finite(qd)):
+        if not (math.isfinite(t) and np.isfinite(q).all() and np.isfinite(qd).all()):
             return NOT_FINITE
         if t <= self._last:
             return TIME
         if math.isnan(self._first):
             self._first = t
         self._last = t
-        if not self._slow.contain(qd):
+        if not (np.abs(qd) <= self._max_speed).all():
             return FAST
         if self._options.rate_hz is not None:
             # Slots are centred on multiples of the period, so that input at the requested rate

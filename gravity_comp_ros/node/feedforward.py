@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.data.short_vectors import all_finite
 from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
@@ -152,7 +151,7 @@ class FeedForward:
         policy = self.options.extrapolation
         self._pose = pose = q if policy == 'trust' else source.nearest(q, self._pose)
         torque = source.torque(pose, policy, self.margin)
-        if not all_finite(torque):
+        if not np.isfinite(torque).all():
             return None
         self._fresh, self._torque = now, torque
         if self._due(now) == DISABLED:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, get_args, Literal
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.data.short_vectors import all_finite, Bounds
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.node.options import NODE
 import numpy as np
@@ -73,7 +72,7 @@ class JointStateReader:
         # Whether messages of the last report had earlier or equal stamps.
         self.are_out_of_order = False
         self._scale = np.broadcast_to(np.array(effort_scale or (1.0,)), (len(joints),))
-        self._efforts = Bounds(FactOptions().max_torque / np.abs(self._scale))
+        self._max_effort = FactOptions().max_torque / np.abs(self._scale)
         self._largest = np.full(len(joints), FactOptions().max_angle)
         self.allow_continuous(continuous)
         self._names: list[str] | None = None
@@ -89,7 +88,6 @@ class JointStateReader:
         for k, name in enumerate(self.joints):
             if name in continuous:
                 self._largest[k] = NODE.max_continuous
-        self._bounds = Bounds(self._largest)
 
     def take_new(self) -> tuple[int, Counter[Reason]]:
         """Return the number of messages, and the counts by reason, since the last call."""
@@ -113,7 +111,7 @@ class JointStateReader:
         q = self._vector(message.position, 'position_not_finite')
         if q is None:
             return None
-        if not self._bounds.contain(q):
+        if not (np.abs(q) <= self._largest).all():
             self.counts['position_absurd'] += 1
             return None
         stamp = message.header.stamp
@@ -169,7 +167,7 @@ class JointStateReader:
             self.counts['wrong_size'] += 1
             return None
         vector = np.asarray(values, dtype=np.float64)[self._order]
-        if not all_finite(vector):
+        if not np.isfinite(vector).all():
             self.counts[not_finite] += 1
             return None
         return vector
@@ -213,7 +211,7 @@ class JointStateReader:
             self.counts['no_effort'] += 1
             return None
         tau = self._vector(values, 'effort_not_finite')
-        if tau is not None and not self._efforts.contain(tau):
+        if tau is not None and not (np.abs(tau) <= self._max_effort).all():
             self.counts['effort_absurd'] += 1
             return None
         return None if tau is None else tau * self._scale

@@ -4,7 +4,6 @@ from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.data.gate import (
     FAST, Gate, GateOptions, NOT_FINITE, RATE, slow_samples, TIME)
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.data.short_vectors import all_finite, Bounds
 from gravity_comp_ros.errors import DataError, OptionError
 from hypothesis import given, strategies as st
 import numpy as np
@@ -95,29 +94,6 @@ def test_online_and_offline_decide_the_same(samples, rate, speed):
     assert result.dropped == dropped
     assert result.kept == len(kept) == len(result.samples)
     assert result.kept + sum(result.dropped.values()) == result.total == len(samples)
-
-
-ANY = st.floats(allow_nan=True, allow_infinity=True)
-
-
-@given(st.lists(ANY, max_size=9))
-def test_all_finite_agrees_with_numpy(values):
-    values = np.array(values)
-    assert all_finite(values) == np.isfinite(values).all()
-
-
-@given(st.integers(0, 9).flatmap(lambda n: st.tuples(
-    st.lists(ANY, min_size=n, max_size=n),
-    st.lists(st.floats(1e-6, 1e6), min_size=n, max_size=n))))
-def test_bounds_agree_with_numpy(given_both):
-    values, highest = (np.array(part) for part in given_both)
-    assert Bounds(highest).contain(values) == (np.abs(values) <= highest).all()
-
-
-def test_huge_numbers_are_finite_and_nan_is_out_of_bounds():
-    assert all_finite(np.full(3, 1e300))
-    assert not Bounds(np.full(2, 1e300)).contain(np.array([0.0, np.nan]))
-    assert not Bounds(np.array([1.0, 2.0])).contain(np.array([1.0 + 1e-12, 0.0]))
 
 
 @given(slope=st.floats(-3, 3), offset=st.floats(-3, 3), seed=st.integers(0, 1000),
