@@ -95,3 +95,27 @@ def rows_of(samples: JointSamples, part: JointSamples) -> IntArray:
         here, targets = np.flatnonzero(samples.runs == run), part.runs == run
         rows[targets] = here[np.searchsorted(samples.t[here], part.t[targets])]
     return rows
+
+
+def reversals_of(path: FloatArray, minimum: float) -> list[tuple[int, float]]:
+    """
+    Return the samples at which a path (M,) reversed by more than `minimum`, with its new sign.
+
+    The first is that at which its first direction is certain.
+    """
+    steps = np.diff(path)
+    moves = np.flatnonzero(steps)
+    # The last sample of each stretch in one direction.
+    ends = moves[np.flatnonzero(np.diff(np.sign(steps[moves]), append=0.0))] + 1
+    reversals: list[tuple[int, float]] = []
+    sign, high, low = 0.0, float(path[0]), float(path[0])
+    for k, value in zip(ends.tolist(), path[ends].tolist()):
+        high, low = max(high, value), min(low, value)
+        if sign <= 0.0 and value > low + minimum:
+            sign, high = 1.0, value
+        elif sign >= 0.0 and value < high - minimum:
+            sign, low = -1.0, value
+        else:
+            continue
+        reversals.append((k, sign))
+    return reversals

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from gravity_comp_ros.data.runs import reversals_of
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.white_noise import white_noise
 import numpy as np
@@ -92,7 +93,7 @@ def denoised_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
     play = _NOISE_WIDTHS * float(white_noise([(q, t)]))
     if play <= 0.0:
         return q
-    detected = _reversals(_play_operator(q, play), play)
+    detected = reversals_of(_play_operator(q, play), play)
     path, at, sign = np.empty_like(q), 0, detected[0][1] if detected else 0.0
     for sample, _ in detected[1:]:
         extremum = at + int(np.argmax(sign * q[at:sample + 1]))
@@ -100,26 +101,6 @@ def denoised_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
         at, sign = extremum, -sign
     path[at:] = sign * np.maximum.accumulate(sign * q[at:]) if sign else q[0]
     return path
-
-
-def _reversals(path: FloatArray, minimum: float) -> list[tuple[int, float]]:
-    """Return the samples at which a path (M,) reversed by more than `minimum`, with its sign."""
-    steps = np.diff(path)
-    moves = np.flatnonzero(steps)
-    # The last sample of each stretch in one direction.
-    ends = moves[np.flatnonzero(np.diff(np.sign(steps[moves]), append=0.0))] + 1
-    reversals: list[tuple[int, float]] = []
-    sign, high, low = 0.0, float(path[0]), float(path[0])
-    for k, value in zip(ends.tolist(), path[ends].tolist()):
-        high, low = max(high, value), min(low, value)
-        if sign <= 0.0 and value > low + minimum:
-            sign, high = 1.0, value
-        elif sign >= 0.0 and value < high - minimum:
-            sign, low = -1.0, value
-        else:
-            continue
-        reversals.append((k, sign))
-    return reversals
 
 
 def _play_operator(q: FloatArray, play: float) -> FloatArray:

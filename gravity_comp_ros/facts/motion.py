@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.data.gate import FAST, GateOptions, slow_samples
-from gravity_comp_ros.data.runs import run_slices
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.runs import reversals_of, run_slices
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.friction import shares
 from gravity_comp_ros.facts.options import FactOptions
@@ -25,10 +25,8 @@ class JointFacts:
 
     Angles in rad, speeds in rad/s, torques in N·m. `reversals` is the number of reversals of
     more than 0.01 rad, None for poses at rest. `pose_share` is the share of the torque's variance
-    explained by a first-order fit on all joint angles, None without motion. `direction_share` is
-    the share of the residual explained by the direction of motion, with the sign of its
-    coefficient, which is positive for friction. `slow_travel` is the range of angles of the
-    samples that the gate keeps.
+    explained by a first-order fit on all joint angles, None without motion. `slow_travel` is the
+    range of angles of the samples that the gate keeps.
     """
 
     q_min: float
@@ -40,7 +38,6 @@ class JointFacts:
     tau_max: float
     tau_std: float
     pose_share: float | None
-    direction_share: float | None
     slow_travel: float
 
     @property
@@ -100,32 +97,15 @@ def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> Rec
     return RecordingFacts(joints, len(samples), slow_share, gate.kept, at_rest, motion)
 
 
-def count_reversals(q: FloatArray) -> int:
-    """
-    Return the number of reversals of a joint.
-
-    :param q: angles (M,) in rad.
-    """
-    count, direction, extreme = 0, 0, q[0]
-    for angle in q:
-        if direction == 0:
-            if abs(angle - extreme) > _OPTIONS.min_travel:
-                direction, extreme = (1 if angle > extreme else -1), angle
-        elif (angle - extreme) * direction >= 0:
-            extreme = angle
-        elif abs(angle - extreme) > _OPTIONS.min_travel:
-            count, direction, extreme = count + 1, -direction, angle
-    return count
-
-
 def _joint(samples: JointSamples, n: int, at_rest: bool, slow: JointSamples) -> JointFacts:
     q, qd, tau = samples.q[:, n], samples.qd[:, n], samples.tau[:, n]
-    reversals = None if at_rest else sum(count_reversals(q[run]) for run in run_slices(samples))
-    share = shares(samples.q, samples.qd, samples.tau, n)
+    reversals = None if at_rest else sum(
+        max(0, len(reversals_of(q[run], _OPTIONS.min_travel)) - 1) for run in run_slices(samples))
     return JointFacts(
         float(q.min()), float(q.max()), float(np.abs(qd).max()), float(np.sqrt(np.mean(qd ** 2))),
-        reversals, float(tau.min()), float(tau.max()), float(tau.std()), share.pose,
-        share.direction, float(np.ptp(slow.q[:, n])) if len(slow) else 0.0)
+        reversals, float(tau.min()), float(tau.max()), float(tau.std()),
+        shares(samples.q, samples.qd, samples.tau, n).pose,
+        float(np.ptp(slow.q[:, n])) if len(slow) else 0.0)
 
 
 def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, total: int,

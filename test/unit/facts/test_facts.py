@@ -8,7 +8,7 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
-from gravity_comp_ros.facts.motion import count_reversals, describe
+from gravity_comp_ros.facts.motion import describe
 from gravity_comp_ros.facts.outliers import median_of_five
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.cleaning import NOT_FINITE
@@ -312,7 +312,9 @@ def remarks(samples, word, **options):
     ([0, 1, 2, 3], 0), ([0, 1, 0], 1), ([0, 1, 0.5, 2], 2), ([0, -1, 0, -1, 0], 3),
     ([0, 0, 0], 0), ([0, 0.005, 0, 0.005, 0], 0), ([0, 1, 0.995, 1, 2], 0), ([5], 0)])
 def test_reversals_by_hand(q, count):
-    assert count_reversals(np.array(q, dtype=float)) == count
+    q = np.array(q, dtype=float)[:, None]
+    samples = JointSamples.single_run('a', np.arange(len(q)), q, q + 1.0, q)
+    assert describe(samples).joints['a'].reversals == count
 
 
 def test_facts_by_hand():
