@@ -2,7 +2,9 @@
 Drift between two models of one arm: changes since the earlier one was fitted.
 
 Compared are the static torque at the same poses, with the standard deviations of both models, and
-the coefficients of the effects of single joints.
+the coefficients of the effects of single joints. With other nonlinear parameters (the centre of a
+spring, the recordings of an offset) a coefficient has another meaning and is not compared; the law
+of the direction of motion leaves it as it is.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from typing import Any
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import LAW_UNITS
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect, Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -53,7 +56,7 @@ class JointDrift:
 
 @dataclass(frozen=True)
 class CoefficientDrift:
-    """A coefficient of an effect in both models; None where a model has not found the effect."""
+    """A coefficient of an effect in both models; None where a model has not found it."""
 
     target: str
     symbol: str
@@ -105,14 +108,21 @@ def _std(before: GravityModel, after: GravityModel, q: FloatArray) -> FloatArray
 
 
 def _coefficients(before: GravityModel, after: GravityModel) -> Iterator[CoefficientDrift]:
-    """Yield the coefficients of the effects of single joints, in the order of the joints."""
+    """Yield the comparable coefficients of effects of single joints, in their order."""
     old, new = _effects(before), _effects(after)
     for key in sorted({**old, **new}, key=lambda key: (after.joints.index(key[1]), key[0])):
         effects = [model[key] for model in (old, new) if key in model]
+        if _parameters(effects[0]) != _parameters(effects[-1]):
+            continue
         for symbol in dict.fromkeys(symbol for each in effects for symbol in each.coefficients):
             x, y = (model[key].coefficients.get(symbol) if key in model else None
                     for model in (old, new))
             yield CoefficientDrift(effects[0].target, symbol, x, y, _has_drifted(x, y))
+
+
+def _parameters(effect: AppliedEffect) -> dict[str, float]:
+    """Return the nonlinear parameters of an effect without the law of its direction."""
+    return {name: x for name, x in effect.setting.items() if name not in LAW_UNITS}
 
 
 def _effects(model: GravityModel) -> dict[tuple[str, str], AppliedEffect]:

@@ -290,6 +290,19 @@ def test_the_same_arm_has_not_drifted_and_a_changed_one_has(folder):
     assert viscous.after.value == pytest.approx(12.5, rel=0.2)
 
 
+def test_coefficients_with_other_nonlinear_parameters_are_not_compared():
+    """The constant of a spring depends on its centre; Coulomb friction not on its width."""
+    def spring(centre, m):
+        return AppliedEffect('joint_spring', 'a', {'centre': centre, 'overtones': 0.0}, {
+            'k': Value(4.0, 'N·m/rad', (3.9, 4.1)), 'm': Value(m, 'N·m', (m - 0.1, m + 0.1))})
+    before, narrow = model(COULOMB, spring(0.0, 1.0)), replace(COULOMB, setting={'width': 0.001})
+    other = drift(before, model(narrow, spring(0.5, 3.0)), motion())
+    assert [(one.symbol, one.drifted) for one in other.coefficients] == [('F_c', False)]
+    same = drift(before, model(spring(0.0, 3.0)), motion())
+    assert [(one.symbol, one.drifted) for one in same.coefficients] == [
+        ('k', False), ('m', True), ('F_c', True)]
+
+
 def test_other_joints_are_refused(folder):
     a = load_model(folder / 'a.json')
     other = replace(a, joints=('x', 'y'), geometry=None, applied=type(a.applied)(),
