@@ -13,7 +13,7 @@ from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.evaluation.compare import Calibration, Comparison, JointComparison
+from gravity_comp_ros.evaluation.compare import Comparison, JointComparison
 from gravity_comp_ros.evaluation.drift import Drift, drift
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     faster = next_step.lines('evaluate fast samples as well', f'{args.command} --all-samples')
     return terminal.Answer(
         document, [*reading.lines(recording), '', _table(model, comparison, joints, samples),
-                   *_failures(joints, comparison.share_outside), *_band(comparison.band),
+                   *_failures(joints, comparison.share_outside), *_band(comparison),
                    *changes, *(faster if few else []),
                    *next_step.lines('identify missing effects', _diagnose_command(args))],
         [*reading.scale_warnings(model, recording.reports), *few,
@@ -162,14 +162,14 @@ def _drift_lines(since: Drift, selected: tuple[str, ...]) -> list[str]:
     return lines or ['no coefficient of an effect drifted']
 
 
-def _band(band: Calibration | None) -> list[str]:
+def _band(comparison: Comparison) -> list[str]:
     """Return a line on the shares of residuals inside the 95 % band, with their meaning."""
-    if band is None:
+    shares = {where: share for where, share in (
+        ('in the trained range', comparison.in_band), ('outside of it', comparison.in_band_outside)
+        ) if share is not None}
+    if not shares:
         return []
-    shares = {where: part.share for where, part in (
-        ('in the trained range', band.trained), ('outside of it', band.outside))
-        if part.share is not None}
-    low, high = (end(shares.values(), default=0.95) for end in (min, max))
+    low, high = min(shares.values()), max(shares.values())
     meaning = ('far below 95 %: the errors exceed the predicted uncertainty, so an effect or a '
                'payload is missing') if low < _FAIR[0] else (
         'near 95 %, as expected') if high <= _FAIR[1] else (

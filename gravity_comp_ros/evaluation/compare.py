@@ -132,37 +132,19 @@ def _bins(axis: str, values: FloatArray, text: str) -> Iterator[_Candidate]:
 
 
 @dataclass(frozen=True)
-class Share:
-    """The `share` of `n` residuals inside the 95 % band, None if n is 0."""
-
-    n: int
-    share: float | None
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """
-    Calibration of a model's uncertainty: residuals inside its 95 % band.
-
-    The band is 1.96 sqrt(std^2 + noise^2) with the standard deviation of the prediction
-    (`GravityModel.predict_std`) and the noise of training. `trained` are samples with every joint
-    in its trained range, `outside` all others.
-    """
-
-    trained: Share
-    outside: Share
-
-
-@dataclass(frozen=True)
 class JointComparison:
     """
     One joint's residual, measured minus predicted torque, over `n` samples.
 
     `rmse`, `bias` (mean), `std` and `max_abs` are in N·m; rmse^2 = bias^2 + std^2. `nrmse` is
     the RMSE as a fraction of the range of the measured torque (Yu 2022, Eq. 16), None where
-    that range is 0. `torque_std` is the standard deviation of the measured torque, in N·m.
-    `rmse_constant` is the RMSE of the mean measured torque as a constant prediction.
-    `band` is None for a model without uncertainty.
+    that range is 0. `torque_std` is the standard deviation of the measured torque, in N·m: the
+    RMSE of its mean as a constant prediction.
+
+    `in_band` and `in_band_outside` are the shares of residuals inside the 95 % band where every
+    joint is in its trained range, and of all others; None without such samples, or for a model
+    without uncertainty. The band is 1.96 sqrt(std^2 + noise^2) with the standard deviation of the
+    prediction (`GravityModel.predict_std`) and the noise of training.
     """
 
     n: int
@@ -171,10 +153,10 @@ class JointComparison:
     std: float
     bias: float
     max_abs: float
-    rmse_constant: float
+    torque_std: float
     where: tuple[ResidualRegion, ...]
-    band: Calibration | None = None
-    torque_std: float = 0.0
+    in_band: float | None = None
+    in_band_outside: float | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,13 +164,15 @@ class Comparison(Displayable):
     """
     The comparison of every joint; `residual` (M, N) in N·m.
 
-    `share_outside` is the share of poses outside the trained range; `band` counts all joints.
+    `share_outside` is the share of poses outside the trained range; `in_band` and
+    `in_band_outside` are those of all joints.
     """
 
     joints: dict[str, JointComparison]
     residual: FloatArray
     share_outside: float
-    band: Calibration | None = None
+    in_band: float | None = None
+    in_band_outside: float | None = None
 
     @property
     def worst(self) -> str:
@@ -215,26 +199,27 @@ class Comparison(Displayable):
         :param noise: training RMSE in N·m by joint, if shown.
         :param previous: RMSE in N·m by joint of the model `previous_name`, if shown.
         """
+        has_band = self.in_band is not None or self.in_band_outside is not None
         columns = ['joint', 'RMSE N·m', 'nRMSE', 'std N·m', 'max N·m',
-                   *['training N·m'] * bool(noise), *['in band', 'outside'] * bool(self.band),
+                   *['training N·m'] * bool(noise), *['in band', 'outside'] * has_band,
                    *[f'{previous_name} N·m', 'change'] * bool(previous), 'constant N·m']
         rows = []
         for name in joints or self.joints:
             x = self.joints[name]
             row = [name, f'{x.rmse:.4f}', percent(x.nrmse), f'{x.std:.4f}', f'{x.max_abs:.3f}']
             row += [f'{noise[name]:.4f}'] if noise else []
-            row += [percent(x.band.trained.share), percent(x.band.outside.share)] if x.band else []
+            row += [percent(x.in_band), percent(x.in_band_outside)] if has_band else []
             if previous:
                 row += [f'{previous[name]:.4f}', change(previous[name], x.rmse)
                         ] if name in previous else ['–', '–']
-            rows.append((*row, f'{x.rmse_constant:.4f}'))
+            rows.append((*row, f'{x.torque_std:.4f}'))
         return TextTable(tuple(columns), tuple(rows))
 
     def to_json(self) -> dict[str, Any]:
         """Return the document of `compare --json`."""
         return {'joints': {name: asdict(joint) for name, joint in self.joints.items()},
                 'worst_joint': self.worst, 'share_outside_trained_range': self.share_outside,
-                'band': None if self.band is None else asdict(self.band)}
+                'in_band': self.in_band, 'in_band_outside': self.in_band_outside}
 
 
 def compare(model: GravityModel, samples: JointSamples,
@@ -278,19 +263,18 @@ def compare_prediction(samples: JointSamples, predicted: FloatArray, outside: Bo
     joints = {}
     for n, name in enumerate(samples.names):
         r, tau = residual[:, n], samples.tau[:, n]
+        shares = _in_band(None if inside is None else inside[:, n], outside)
         rmse, torque_range = float(np.sqrt((r ** 2).mean())), float(np.ptp(tau))
         joints[name] = JointComparison(
             n=len(r), rmse=rmse, nrmse=rmse / torque_range if torque_range > 0.0 else None,
             std=float(r.std()), bias=float(r.mean()), max_abs=float(np.abs(r).max()),
-            rmse_constant=float(tau.std()),
+            torque_std=float(tau.std()),
             where=tuple(find_regions(samples, predicted, outside, n)),
-            band=None if inside is None else _calibration(inside[:, n:n + 1], outside),
-            torque_std=float(tau.std()))
-    return Comparison(joints, residual, float(np.mean(outside)),
-                      None if inside is None else _calibration(inside, outside))
+            in_band=shares[0], in_band_outside=shares[1])
+    return Comparison(joints, residual, float(np.mean(outside)), *_in_band(inside, outside))
 
 
-def _calibration(inside: BoolArray, outside: BoolArray) -> Calibration:
-    def share(part: BoolArray) -> Share:
-        return Share(part.size, float(part.mean()) if part.size else None)
-    return Calibration(share(inside[~outside]), share(inside[outside]))
+def _in_band(inside: BoolArray | None, outside: BoolArray) -> list[float | None]:
+    """Return the shares inside the band, of samples inside and outside the trained range."""
+    parts = [] if inside is None else [inside[~outside], inside[outside]]
+    return [float(part.mean()) if part.size else None for part in parts] or [None, None]

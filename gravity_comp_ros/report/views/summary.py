@@ -22,7 +22,7 @@ def headline(contents: Contents) -> str:
         return f'{_largest(contents)}. {_missing(contents.diagnosis)}'
     errors = {name: contents.comparison.joints[name] for name in contents.joints}
     useless = [name for name, joint in errors.items() if joint.rmse > max(
-        joint.rmse_constant, REPORT.larger * _noise(contents, name))]
+        joint.torque_std, REPORT.larger * _noise(contents, name))]
     if 2 * len(useless) > len(errors):
         return (f'The model is worse than a constant on {", ".join(useless)}: the arm, the signs '
                 f'or units of the effort, or the payload differ from those of the fit.')

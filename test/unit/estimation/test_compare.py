@@ -48,7 +48,7 @@ def test_figures_by_hand():
     assert joint.rmse == pytest.approx(np.sqrt(3))
     assert joint.std == pytest.approx(np.sqrt(2))
     assert joint.nrmse == pytest.approx(np.sqrt(3) / 10)
-    assert joint.rmse_constant == pytest.approx(np.sqrt(13))   # of 0, 4, 10, 6 around 5
+    assert joint.torque_std == pytest.approx(np.sqrt(13))   # of 0, 4, 10, 6 around 5
     np.testing.assert_allclose(comparison.residual[:, 0], [1.0, -1.0, 3.0, 1.0])
     # A constant torque has no nRMSE.
     comparison = against(samples_of([2.0, 2.0, 2.0]), [[1.0], [2.0], [3.0]])
@@ -185,18 +185,16 @@ def test_band_counts_by_hand():
     outside = np.array([False, False, False, False, True, True])
     band, zero = np.full((6, 1), 0.25), np.zeros((6, 1))
     comparison = compare_prediction(samples, zero, outside, band)
-    assert (comparison.band.trained.n, comparison.band.trained.share) == (4, 0.75)
-    assert (comparison.band.outside.n, comparison.band.outside.share) == (2, 0.5)
-    assert comparison.joints['a'].band == comparison.band
-    assert comparison.to_json()['band'] == {'trained': {'n': 4, 'share': 0.75},
-                                            'outside': {'n': 2, 'share': 0.5}}
-    nowhere = compare_prediction(samples, zero, np.zeros(6, dtype=bool), band).band.outside
-    assert (nowhere.n, nowhere.share) == (0, None)
-    assert compare_prediction(samples, zero, outside).band is None
+    for each in (comparison, comparison.joints['a']):
+        assert (each.in_band, each.in_band_outside) == (0.75, 0.5)
+    assert comparison.to_json()['in_band_outside'] == 0.5
+    inside = compare_prediction(samples, zero, np.zeros(6, dtype=bool), band)
+    assert inside.in_band == pytest.approx(4 / 6) and inside.in_band_outside is None
+    assert compare_prediction(samples, zero, outside).in_band is None
     # A model without uncertainty has no band.
     comparison = compare(sine_model(1.0), samples_of([0.0, 1.0, 2.0], names=('j0',)))
-    assert comparison.band is None
-    assert comparison.to_json()['joints']['j0']['band'] is None
+    assert comparison.in_band is None
+    assert comparison.to_json()['joints']['j0']['in_band_outside'] is None
 
 
 def test_the_band_of_a_model_covers_95_percent():
@@ -207,10 +205,10 @@ def test_the_band_of_a_model_covers_95_percent():
     samples = concatenate([synthesise(ARM, motion, noise) for motion in (
         motions.eq17(start=100.0), motions.random_poses(ARM.lower, ARM.upper, 300))])
     comparison = compare(model, samples)
-    assert 0.92 <= comparison.band.trained.share <= 0.98
-    assert comparison.band.outside.share >= 0.9
+    assert 0.92 <= comparison.in_band <= 0.98
+    assert comparison.in_band_outside >= 0.9
     spread = np.hypot(model.predict_std(samples.q), model.noise)
     inside = np.abs(samples.tau - model.predict(samples.q)) <= 1.96 * spread
-    counted = [part.n * part.share for part in (comparison.band.trained, comparison.band.outside)]
-    assert comparison.band.trained.n + comparison.band.outside.n == inside.size
-    assert sum(counted) == pytest.approx(inside.sum())
+    outside = comparison.share_outside
+    assert inside.mean() == pytest.approx(
+        (1.0 - outside) * comparison.in_band + outside * comparison.in_band_outside)
