@@ -17,16 +17,10 @@ POSES = 300
 
 @dataclass(frozen=True)
 class Target:
-    """
-    An effect to resolve on a joint; None for an effect of the whole arm.
-
-    `alternatives` are effects that fit the recordings equally well, each NAME or NAME:JOINT.
-    Common confounders of the effect are added to them.
-    """
+    """An effect to resolve on a joint; None for an effect of the whole arm."""
 
     effect: str
     joint: str | None
-    alternatives: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:

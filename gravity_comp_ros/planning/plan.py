@@ -21,11 +21,12 @@ from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, MotionPlan, PlannedPart)
 from gravity_comp_ros.planning.options import GRAVITY, PlanOptions, Target
 from gravity_comp_ros.planning.questions import (
-    keys_of, MAX_TARGETS, open_targets, questions_of)
+    ambiguous_with, key_of, MAX_TARGETS, open_targets, questions_of)
 from gravity_comp_ros.planning.segments import Limits, sampled
 from gravity_comp_ros.planning.selection import Selection
 from gravity_comp_ros.planning.sums import joined, motion_of
 from gravity_comp_ros.planning.workspace import Workspace, workspace
+from gravity_comp_ros.regression.engine import Regression
 import numpy as np
 
 Progress = Callable[[str, float], None]
@@ -91,7 +92,7 @@ def _alternatives(space: Workspace, model: GravityModel, estimated: Estimate,
     if not targets and gravity is None:
         raise OptionError('plan: no target is open; name the effects to resolve')
     limits = Limits(options.max_speed, options.max_acceleration, options.max_jerk)
-    joints = _joints(targets, model.joints, gravity)
+    joints = _joints(regression, targets, gravity)
     parts = strokes(space, model, joints, limits, options.duration)
     if not parts:
         raise OptionError('plan: within the limits no joint of the targets can move; the '
@@ -103,14 +104,14 @@ def _alternatives(space: Workspace, model: GravityModel, estimated: Estimate,
     return Criterion(sums, questions, gravity), parts, notes
 
 
-def _joints(targets: Sequence[Target], names: tuple[str, ...], gravity: Gravity | None
+def _joints(regression: Regression, targets: Sequence[Target], gravity: Gravity | None
             ) -> list[int]:
     """Return the joints of targets and alternatives, all for a target of the whole arm."""
     joints = [*(gravity.joints if gravity is not None else ())]
     for target in targets:
-        (_, joint), named = keys_of(target, names)
-        joints += range(len(names)) if joint is None else [joint]
-        joints += [other for _, other in named if other is not None]
+        key = key_of(target, regression.problem.samples.names)
+        joints += range(regression.problem.samples.n_joints) if key[1] is None else [key[1]]
+        joints += [joint for _, joint in ambiguous_with(regression, key) if joint is not None]
     return list(dict.fromkeys(joints))
 
 

@@ -43,7 +43,7 @@ def named_targets(effects: Iterable[str], joints: tuple[str, ...]) -> list[Targe
 
 def open_targets(regression: Regression, diagnosis: Diagnosis) -> list[Target]:
     """Return the open findings, then common effects that moving joints do not excite."""
-    targets = [Target(f.effect, f.joint, f.rivals) for f in diagnosis.findings
+    targets = [Target(f.effect, f.joint) for f in diagnosis.findings
                if f.verdict in OPEN and f.effect in all_effects()]
     scale = regression.problem.scale.torque
     untestable = [(name, joint) for name, joint in regression.candidates.untestable
@@ -69,10 +69,10 @@ def questions_of(regression: Regression, targets: Sequence[Target], probe: Path,
     """
     maker, drafts, notes = _Maker(regression, motion_of(regression, [probe])), [], []
     for target in targets:
-        key, named = keys_of(target, regression.problem.samples.names)
+        key = key_of(target, regression.problem.samples.names)
         if (term := maker.term(key)) is not None:
-            base = maker.base(term, named)
-            drafts.append((target, term, base, maker.alternatives(term, base, named)))
+            base = maker.base(term)
+            drafts.append((target, term, base, maker.alternatives(term, base)))
         else:
             notes.append(f'{target.name}: no motion within the limits excites it: '
                          f'{maker.reason(key)}')
@@ -117,7 +117,7 @@ class _Maker:
         """Return why an effect without terms is not excited."""
         return known_effect(key[0]).untestable(self._joined, key[1] or 0) or 'it is not reached'
 
-    def base(self, term: Term, named: set[Key]) -> Terms:
+    def base(self, term: Term) -> Terms:
         """
         Return the found terms without target and alternatives, and common effects of its joint.
 
@@ -130,31 +130,32 @@ class _Maker:
                      if effect.expectation is Expectation.COMMON and not effect.is_shared]
         if term.parents and not term.parents & set(keys):
             keys += [(name, term.joint) for name in term.effect.corrects[:1]]
-        others = named | self._ambiguous(term.key) | {term.key}
+        others = ambiguous_with(self._regression, term.key) | {term.key}
         return tuple(t for key in dict.fromkeys(keys) if key not in others
                      and (t := self.term(key)) is not None)
 
-    def alternatives(self, term: Term, base: Terms, named: set[Key]) -> Terms:
-        """Return the terms that may replace a target: named ones, and its confounders."""
+    def alternatives(self, term: Term, base: Terms) -> Terms:
+        """Return the terms that may replace a target: ambiguous ones, and its confounders."""
         known, joint, keys = all_effects(), term.joint, {t.key for t in base}
         near = [(name, joint if known[name].per_joint else None)
                 for name in term.effect.confounders if name in known
                 and (joint is not None or not known[name].per_joint)]
-        others = dict.fromkeys([*sorted(named | self._ambiguous(term.key), key=str), *near])
+        others = dict.fromkeys([*sorted(ambiguous_with(self._regression, term.key), key=str),
+                                *near])
         return tuple(t for key in others if key not in {*keys, term.key}
                      and not known[key[0]].is_shared and (t := self.term(key)) is not None
                      and (not t.parents or t.parents & keys))
 
-    def _ambiguous(self, key: Key) -> set[Key]:
-        """Return the terms that the recordings do not separate from one."""
-        alternatives = self._regression.alternatives
-        return {*alternatives.get(key, ()), *(
-            one for one, others in alternatives.items() if key in others)}
+
+def ambiguous_with(regression: Regression, key: Key) -> set[Key]:
+    """Return the terms that the recordings do not separate from one."""
+    return {*regression.alternatives.get(key, ()), *(
+        one for one, others in regression.alternatives.items() if key in others)}
 
 
-def keys_of(target: Target, names: tuple[str, ...]) -> tuple[Key, set[Key]]:
+def key_of(target: Target, names: tuple[str, ...]) -> Key:
     """
-    Return the key of a target, and those of its named alternatives.
+    Return the key of a target.
 
     :raises OptionError: if its effect or joint is unknown, or every fit estimates it.
     """
@@ -166,9 +167,4 @@ def keys_of(target: Target, names: tuple[str, ...]) -> tuple[Key, set[Key]]:
                           f'({effect.name}:JOINT)')
     if effect.per_joint and target.joint not in names:
         raise OptionError(f'no joint {target.joint}; the joints are {", ".join(names)}')
-    named = set()
-    for text in target.alternatives:
-        name, _, where = text.partition(':')
-        joint = where or target.joint
-        named.add((name, names.index(joint) if joint and known_effect(name).per_joint else None))
-    return (effect.name, names.index(target.joint) if effect.per_joint else None), named
+    return effect.name, names.index(target.joint) if effect.per_joint else None
