@@ -12,8 +12,7 @@ from functools import cache, partial
 from importlib.metadata import entry_points
 
 from gravity_comp_ros.effects import (
-    elastic, friction, friction_memory, geometry, lubrication, offset, payload, periodic,
-    rigid_body, timing)
+    elastic, friction, friction_memory, geometry, offset, payload, periodic, rigid_body, timing)
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
@@ -21,8 +20,8 @@ from gravity_comp_ros.printable import printable
 import numpy as np
 
 GROUP = 'gravity_comp_ros.effects'
-_FAMILIES = (friction, lubrication, friction_memory, offset, elastic, periodic, geometry, payload,
-             rigid_body, timing)
+_FAMILIES = (friction, friction_memory, offset, elastic, periodic, geometry, payload, rigid_body,
+             timing)
 
 
 def all_effects() -> dict[str, Effect]:
