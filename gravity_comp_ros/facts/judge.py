@@ -15,10 +15,9 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.facts import efforts, joints, outliers
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, unless_accepted
 from gravity_comp_ros.facts.friction import effort_facts
-from gravity_comp_ros.facts.lag import filtered_effort
+from gravity_comp_ros.facts.lag import filtered_effort, velocity_facts
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
-from gravity_comp_ros.facts.velocity import velocity_facts
 import numpy as np
 
 _Rows = Callable[[Signals, FactOptions], tuple[BoolArray, Fact | None]]

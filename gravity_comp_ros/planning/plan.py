@@ -14,7 +14,6 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning.candidates import Part, strokes
 from gravity_comp_ros.planning.collision import SelfCollision
 from gravity_comp_ros.planning.criterion import Criterion, Gravity, Question
 from gravity_comp_ros.planning.expected import (
@@ -23,7 +22,7 @@ from gravity_comp_ros.planning.options import GRAVITY, PlanOptions, Target
 from gravity_comp_ros.planning.questions import (
     ambiguous_with, key_of, MAX_TARGETS, open_targets, questions_of)
 from gravity_comp_ros.planning.segments import Limits, sampled
-from gravity_comp_ros.planning.selection import Selection
+from gravity_comp_ros.planning.selection import Part, Selection, strokes
 from gravity_comp_ros.planning.sums import joined, motion_of
 from gravity_comp_ros.planning.workspace import Workspace, workspace
 from gravity_comp_ros.regression.engine import Regression

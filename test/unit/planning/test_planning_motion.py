@@ -4,9 +4,9 @@ from bench.shared.planning_arm import model, NAMES, one_way, uncertain_model
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import BagError, DataError, OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.candidates import strokes
 from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
+from gravity_comp_ros.planning.selection import strokes
 from gravity_comp_ros.planning.workspace import workspace
 from gravity_comp_ros.recordings.trajectory_files import (
     from_csv, from_yaml, read_trajectory, to_csv, to_yaml, write_trajectory)
