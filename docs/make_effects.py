@@ -6,7 +6,7 @@ Generator of docs/effects.md from the texts of the library.
 
 from __future__ import annotations
 
-from gravity_comp_ros.effects.change_points import UNITS
+from gravity_comp_ros.effects.changes import UNITS
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion_direction import LAW_UNITS
 from gravity_comp_ros.effects.registry import library_effects

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect, Needs
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_direction import smooth_sign
+from gravity_comp_ros.effects.motion_direction import LiveElement, smooth_sign
 from gravity_comp_ros.effects.predict import coefficients, installed, joint_number
-from gravity_comp_ros.effects.presliding import LiveElement
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient

@@ -13,7 +13,7 @@ from itertools import product
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.change_points import change_factor, ChangeEffect
+from gravity_comp_ros.effects.changes import change_factor, ChangeEffect
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion

@@ -13,7 +13,7 @@ from dataclasses import replace
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.white_noise import white_noise
+from gravity_comp_ros.effects.motion_direction import white_noise
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.posterior import Posterior
 import numpy as np

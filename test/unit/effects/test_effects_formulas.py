@@ -5,7 +5,7 @@ from dataclasses import replace
 from bench.shared.effect_motions import clean_motion
 from gravity_comp_ros.data.sample_buffer import SampleBuffer
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.effects.change_points import change_factor
+from gravity_comp_ros.effects.changes import change_factor
 from gravity_comp_ros.effects.effect import Sizes
 from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import Motion

@@ -9,9 +9,9 @@ from gravity_comp_ros.data.runs import run_time
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_direction import law_of, laws, refined_laws, speed_noise
+from gravity_comp_ros.effects.motion_direction import (
+    evenly_spaced, law_of, laws, refined_laws, speed_noise, white_noise)
 from gravity_comp_ros.effects.registry import library_effects
-from gravity_comp_ros.effects.white_noise import evenly_spaced, white_noise
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion

@@ -10,7 +10,7 @@ from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.runs import run_time
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.presliding import denoised_path, presliding_state
+from gravity_comp_ros.effects.motion_direction import denoised_path, presliding_state
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.simulation import arms

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from bench.shared.regression_cases import motion_of_joints, OwnGravity, with_torque
 from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.effects.motion_direction import presliding_state
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.effects.presliding import presliding_state
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
