@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial, on_frame
-from gravity_comp_ros.description_check.arm_state import ArmState
 from gravity_comp_ros.description_check.faults import (
-    AXIS_REVERSED, AXIS_TURNED, CheckOptions, Fault, MOUNT, possible_faults, ZERO)
+    ArmState, AXIS_REVERSED, AXIS_TURNED, CheckOptions, Fault, MOUNT, possible_faults, ZERO)
 from gravity_comp_ros.description_check.search import corrected, Evidence, FaultFit, search
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.facts.options import FactOptions

@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description_check.arm_state import ArmState
-from gravity_comp_ros.description_check.faults import CheckOptions, Fault
+from gravity_comp_ros.description_check.faults import ArmState, CheckOptions, Fault
 from gravity_comp_ros.effects.motion_direction import directions
 from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.regression.options import EngineOptions

@@ -4,16 +4,19 @@ Torque prediction of a model with its effects.
     tau = g(q) + sum_e X_e(q, qd, qdd, g, t; setting_e) c_e
 
 X_e are the columns of effect e, c_e its coefficients. Some columns depend on earlier samples
-(acceleration, presliding), so predict all recorded samples and select some afterwards.
+(acceleration, presliding), so predict all recorded samples and select some afterwards. A control
+loop reads the effects sample by sample in order of time (`LiveEffects`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.effects.effect import Effect, Needs
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.motion_direction import LiveElement, smooth_sign
 from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins
 from gravity_comp_ros.errors import Hint, ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
@@ -21,6 +24,9 @@ from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable
 import numpy as np
+
+# Weighted joints whose sum moves, and the distance in rad and the skew of its element.
+_ElementKey = tuple[tuple[tuple[int, float], ...], float, float]
 
 
 def predict_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
@@ -130,3 +136,122 @@ def coefficients(applied: AppliedEffect, effect: Effect, motion: Motion,
             f'{", ".join(applied.coefficients)}, but the installed version has '
             f'{", ".join(symbols)}. Remove the effect and add it again')
     return np.array([applied.coefficients[symbol].value for symbol in symbols])
+
+
+@dataclass(frozen=True)
+class _Moment(Motion):
+    """A motion of one sample, whose directions by a distance follow from the earlier ones."""
+
+    elements: dict[_ElementKey, LiveElement] = field(default_factory=dict)
+
+    def coupled_direction(self, joints: Mapping[int, float],
+                          law: Mapping[str, float]) -> FloatArray:
+        """Return the direction (1,) of a sum of joints, each times a factor."""
+        if 'distance' not in law:
+            return smooth_sign(self._sum(self.samples.qd, joints), law)
+        distance, skew = law['distance'], law.get('skew', 0.0)
+        key = (tuple(joints.items()), distance, skew)
+        # Two effects of a joint may share an element: it is read once in each sample.
+        if key not in self.memo:
+            if key not in self.elements:
+                self.elements[key] = LiveElement(distance, skew)
+            angle = float(self._sum(self.samples.q, joints)[0])
+            self.memo[key] = np.array([self.elements[key].state(angle)])
+        return self.memo[key]
+
+
+@dataclass(frozen=True, eq=False)
+class _Term:
+    """An effect of a model; `factors` (K,) are the coefficients in the order of its columns."""
+
+    effect: Effect
+    applied: AppliedEffect
+    joint: int
+    factors: FloatArray
+
+    @classmethod
+    def of(cls, model: GravityModel, applied: AppliedEffect, moment: Motion) -> _Term:
+        """
+        Return an effect after one evaluation, so that errors occur before the loop.
+
+        :raises ModelMismatchError: if it was fitted by another version, or is not installed.
+        """
+        effect, joint = installed(applied), joint_number(model, applied)
+        try:
+            factors = coefficients(applied, effect, moment, joint)
+            effect.torque(moment, joint, applied.setting, factors)
+            return cls(effect, applied, joint, factors)
+        except Exception as problem:
+            # A plug-in may raise any error; a control loop must not end by it.
+            raise ModelMismatchError(
+                f'effect {applied.target} of the model was fitted by another version, or its code '
+                f'fails ({type(problem).__name__}: {printable(problem)}); it is left out'
+            ) from problem
+
+    def add_to(self, total: FloatArray, moment: Motion) -> None:
+        """Add the torque to that of all joints (N,), N·m."""
+        torque = self.effect.torque(moment, self.joint, self.applied.setting, self.factors)[0]
+        if self.effect.scope == 'arm':
+            total += torque
+        else:
+            total[self.joint] += torque
+
+
+class LiveEffects:
+    """
+    The torque of some effects of a model, sample by sample in order of time.
+
+    Effects that need the history are left out (`left_out`, as targets). `problem` is the reason
+    why others are.
+
+    :param effects: effects of the model.
+    """
+
+    def __init__(self, model: GravityModel, effects: Iterable[AppliedEffect]) -> None:
+        self._model, self.problem = model, ''
+        self._elements: dict[_ElementKey, LiveElement] = {}
+        self._terms: list[_Term] = []
+        left_out = []
+        rest = np.zeros((3, model.n_joints))
+        for applied in effects:
+            try:
+                if installed(applied).needs is Needs.HISTORY:
+                    left_out.append(applied.target)
+                    continue
+                self._terms.append(_Term.of(model, applied, self._moment(*rest, elements={})))
+            except ModelMismatchError as problem:
+                self.problem = str(problem)
+        self.left_out = tuple(left_out)
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The included effects, as `NAME:JOINT`."""
+        return tuple(term.applied.target for term in self._terms)
+
+    def torque(self, q: FloatArray, qd: FloatArray, gravity: FloatArray,
+               qdd: FloatArray | None = None) -> FloatArray:
+        """
+        Return the torque of the effects (N,) in N·m, in addition to gravity.
+
+        :param q: pose (N,) in rad. :param qd: speed (N,) in rad/s.
+        :param gravity: the model's torque at that pose (N,) in N·m.
+        :param qdd: acceleration (N,) in rad/s^2; without one effects that need it are neglected.
+        """
+        total = np.zeros(len(q))
+        if not self._terms:
+            return total
+        moment = self._moment(q, qd, gravity, qdd, elements=self._elements)
+        for term in self._terms:
+            if qdd is not None or term.effect.needs is Needs.SPEED:
+                term.add_to(total, moment)
+        return total
+
+    def _moment(self, q: FloatArray, qd: FloatArray, gravity: FloatArray,
+                qdd: FloatArray | None = None, *,
+                elements: dict[_ElementKey, LiveElement]) -> _Moment:
+        model = self._model
+        return _Moment(
+            JointSamples.single_sample(model.joints, q, qd),
+            (np.zeros_like(q) if qdd is None else qdd)[None], gravity[None],
+            lambda poses: gravity_gradient(model, poses), model.chain, model.geometry,
+            elements=elements)

@@ -32,8 +32,8 @@ from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Needs
-from gravity_comp_ros.effects.live import LiveEffects
 from gravity_comp_ros.effects.motion_direction import speed_law
+from gravity_comp_ros.effects.predict import LiveEffects
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.evaluation.expected_residual import (

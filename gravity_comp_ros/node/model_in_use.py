@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.live import LiveEffects
+from gravity_comp_ros.effects.predict import LiveEffects
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.external_torque import (

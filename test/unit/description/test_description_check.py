@@ -11,8 +11,8 @@ from bench.shared.campaign import campaign
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.description.links import described_arm
-from gravity_comp_ros.description_check.arm_state import ArmState
 from gravity_comp_ros.description_check.check import check_description
+from gravity_comp_ros.description_check.faults import ArmState
 from gravity_comp_ros.description_check.sentences import findings
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.kinematic.chain import tilt

@@ -1,8 +1,7 @@
 """Effects from pose and speed alone: equal to the library."""
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.effects.live import LiveEffects
-from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.effects.predict import effect_torque, LiveEffects
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
