@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 from gravity_comp_ros.data.differentiation import differentiate, is_inconsistent, slope_ratios
 from gravity_comp_ros.data.gate import apply_gate, GateOptions, GateResult
 from gravity_comp_ros.data.holdout import Block, blocks_to_hold_out, within
-from gravity_comp_ros.data.runs import rows_of
+from gravity_comp_ros.data.runs import numbers_in
 from gravity_comp_ros.data.samples import BoolArray, concatenate, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, TextTable
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
@@ -216,7 +216,7 @@ class Recording(Displayable):
         slow = self.gated.samples
         if self.use is None:
             return slow
-        return slow.select(self.use[rows_of(self.samples, slow)])
+        return slow.select(self.use[numbers_in(self.samples, slow)])
 
     @property
     def used(self) -> JointSamples:

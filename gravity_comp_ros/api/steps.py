@@ -16,7 +16,7 @@ from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import apply_gate, GateOptions
 from gravity_comp_ros.data.holdout import Block, GUARD, within
-from gravity_comp_ros.data.runs import recorded_time, rows_of
+from gravity_comp_ros.data.runs import numbers_in, recorded_time
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED, JointOrder, TORQUES
 from gravity_comp_ros.diagnosis.diagnose import diagnose
@@ -203,7 +203,7 @@ def slow_mask(recording: Recording) -> BoolArray:
     gate = replace(recording.gate, rate_hz=None)
     kept = apply_gate(recording.samples, gate).samples
     mask = np.zeros(len(recording.samples), dtype=bool)
-    mask[rows_of(recording.samples, kept)] = True
+    mask[numbers_in(recording.samples, kept)] = True
     return mask & recording.usable
 
 
@@ -313,7 +313,7 @@ def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:
     slow = recording.slow
     if not model.applied.effects:
         return slow
-    torque = effect_torque(model, recording.samples)[rows_of(recording.samples, slow)]
+    torque = effect_torque(model, recording.samples)[numbers_in(recording.samples, slow)]
     return replace(slow, tau=slow.tau - torque)
 
 

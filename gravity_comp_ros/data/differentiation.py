@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gravity_comp_ros.data.runs import median_interval, rows_of, run_slices
+from gravity_comp_ros.data.runs import median_interval, numbers_in, run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError
 import numpy as np
@@ -199,7 +199,7 @@ def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSample
     """
     if part.qdd is not None or not is_resolved(samples):
         return part
-    rows = np.arange(len(samples)) if part is samples else rows_of(samples, part)
+    rows = np.arange(len(samples)) if part is samples else numbers_in(samples, part)
     return replace(part, qdd=_slopes(samples, rows))
 
 

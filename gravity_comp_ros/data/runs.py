@@ -88,7 +88,7 @@ def run_slices(samples: JointSamples) -> list[slice]:
     return [slice(a, b) for a, b in zip(bounds, bounds[1:]) if b > a]
 
 
-def rows_of(samples: JointSamples, part: JointSamples) -> IntArray:
+def numbers_in(samples: JointSamples, part: JointSamples) -> IntArray:
     """Return the numbers (M,) of the samples of `part`, a selection of `samples`."""
     rows = np.zeros(part.n_samples, dtype=np.int64)
     for run in np.unique(part.runs):

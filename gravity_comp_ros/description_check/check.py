@@ -8,8 +8,8 @@ from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial, on_frame
 from gravity_comp_ros.description_check.faults import (
-    ArmState, AXIS_REVERSED, AXIS_TURNED, CheckOptions, Fault, MOUNT, possible_faults, ZERO)
-from gravity_comp_ros.description_check.search import corrected, Evidence, FaultFit, search
+    AXIS_REVERSED, AXIS_TURNED, CheckOptions, Fault, FaultyArm, MOUNT, possible_faults, ZERO)
+from gravity_comp_ros.description_check.search import corrected, FaultEvidence, FaultFit, search
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -54,8 +54,8 @@ def check_description(samples: JointSamples, arm: DescribedArm,
                         f'at least {FactOptions().min_slow_samples} are needed')
     links = {name: (arm.place(name).joint, on_frame(arm, name, inertial))
              for name, inertial in inertials.items()}
-    state = ArmState.described(arm.geometry.rotations, arm.geometry.origins,
-                               frame_parameters(arm, inertials)[:, :4])
+    state = FaultyArm.described(arm.geometry.rotations, arm.geometry.origins,
+                                frame_parameters(arm, inertials)[:, :4])
     faults = possible_faults(state, joints, {
         name: (frame, own[:4]) for name, (frame, own) in links.items() if own[0] > 0.0}, options)
     fits: list[FaultFit] = []
@@ -76,14 +76,14 @@ def check_description(samples: JointSamples, arm: DescribedArm,
                             _unchecked(evidence, final, faults))
 
 
-def _rms(evidence: Evidence, arm: ArmState) -> FloatArray:
+def _rms(evidence: FaultEvidence, arm: FaultyArm) -> FloatArray:
     """Return the RMS residual (N,) of an arm, offset and friction fitted, N·m."""
     residual = evidence.residual(arm).reshape(len(evidence.q), -1) / evidence.weight
     return np.asarray(np.sqrt((residual ** 2).mean(axis=0)))
 
 
-def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, noise: FloatArray,
-              options: CheckOptions) -> Evidence:
+def _evidence(samples: JointSamples, geometry: Geometry, arm: FaultyArm, noise: FloatArray,
+              options: CheckOptions) -> FaultEvidence:
     """Return the evidence of gravity, with the dynamic torque of an arm subtracted."""
     q, qd = samples.q, samples.qd
     qdd = accelerations(samples)
@@ -91,10 +91,11 @@ def _evidence(samples: JointSamples, geometry: Geometry, arm: ArmState, noise: F
     torque = inverse_dynamics(turned, arm.angles(q), arm.signs * qd[:, arm.order],
                               arm.signs * qdd[:, arm.order],
                               np.column_stack([arm.bodies, geometry.inertials[:, 4:]]).ravel())
-    return Evidence(replace(samples, tau=samples.tau - arm.recorded(torque)), noise, arm, options)
+    samples = replace(samples, tau=samples.tau - arm.recorded(torque))
+    return FaultEvidence(samples, noise, arm, options)
 
 
-def _unchecked(evidence: Evidence, arm: ArmState, faults: list[Fault]
+def _unchecked(evidence: FaultEvidence, arm: FaultyArm, faults: list[Fault]
                ) -> dict[str, tuple[str, ...]]:
     """Return the joints by kind of fault for which it would not show."""
     result: dict[str, tuple[str, ...]] = {}

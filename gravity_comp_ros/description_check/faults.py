@@ -1,7 +1,7 @@
 """
 Possible faults of a robot description, each with its parameters.
 
-A fault changes the arm (`ArmState`) as a function of up to four parameters with a prior standard
+A fault changes the arm (`FaultyArm`) as a function of up to four parameters with a prior standard
 deviation. `starts` are the values from which a search begins: an angle by a quarter turn is far
 from no fault.
 """
@@ -30,7 +30,7 @@ _UNITS = (1.0, 10.0, 100.0, 1000.0, 0.1, 0.01)
 
 
 @dataclass(frozen=True, eq=False)
-class ArmState:
+class FaultyArm:
     """
     A serial arm of N joints, as the recording reports it.
 
@@ -50,7 +50,7 @@ class ArmState:
 
     @classmethod
     def described(cls, rotations: FloatArray, origins: FloatArray,
-                  bodies: FloatArray) -> ArmState:
+                  bodies: FloatArray) -> FaultyArm:
         """Return the arm as described."""
         n = len(rotations)
         return cls(rotations, origins, bodies, np.ones(n), np.zeros(n), np.ones(n), np.arange(n))
@@ -79,7 +79,7 @@ class ArmState:
             moments[i - 1] += moments[i, 2] * self.rotations[i][:, 2]
         return Chain(self.rotations, STANDARD_GRAVITY * moments[:, :2])
 
-    def turned_axis(self, joint: int, turn: FloatArray) -> ArmState:
+    def turned_axis(self, joint: int, turn: FloatArray) -> FaultyArm:
         """Return the arm with the axis of a joint turned by a rotation (3, 3) of its frame."""
         rotations, origins, bodies = (self.rotations.copy(), self.origins.copy(),
                                       self.bodies.copy())
@@ -91,13 +91,13 @@ class ArmState:
             origins[joint + 1] = turn.T @ origins[joint + 1]
         return replace(self, rotations=rotations, origins=origins, bodies=bodies)
 
-    def turned_base(self, turn: FloatArray) -> ArmState:
+    def turned_base(self, turn: FloatArray) -> FaultyArm:
         """Return the arm with its base turned by a rotation (3, 3)."""
         rotations = self.rotations.copy()
         rotations[0] = turn @ rotations[0]
         return replace(self, rotations=rotations)
 
-    def with_body(self, joint: int, change: FloatArray) -> ArmState:
+    def with_body(self, joint: int, change: FloatArray) -> FaultyArm:
         """Return the arm with mass and first moment (4,) added to a frame."""
         bodies = self.bodies.copy()
         bodies[joint] = bodies[joint] + change
@@ -152,14 +152,14 @@ class Fault:
     subjects: tuple[str, ...]
     scale: FloatArray
     starts: FloatArray
-    change: Callable[[ArmState, FloatArray], ArmState]
+    change: Callable[[FaultyArm, FloatArray], FaultyArm]
 
     @property
     def size(self) -> int:
         return len(self.scale)
 
 
-def possible_faults(arm: ArmState, joints: tuple[str, ...],
+def possible_faults(arm: FaultyArm, joints: tuple[str, ...],
                     links: dict[str, tuple[int, FloatArray]],
                     options: CheckOptions) -> list[Fault]:
     """
@@ -178,7 +178,7 @@ def possible_faults(arm: ArmState, joints: tuple[str, ...],
     return faults + [_mass(link, *place, factor) for link, place in links.items()]
 
 
-def _of_joint(described: ArmState, n: int, joint: str, options: CheckOptions) -> list[Fault]:
+def _of_joint(described: FaultyArm, n: int, joint: str, options: CheckOptions) -> list[Fault]:
     """Return the faults of one joint alone."""
     here = np.arange(len(described.signs)) == n
     mass = max(float(described.bodies[n:, 0].sum()), options.min_mass)
@@ -200,7 +200,7 @@ def _of_joint(described: ArmState, n: int, joint: str, options: CheckOptions) ->
 
 
 def _swapped(n: int, m: int, joint: str, other: str) -> Fault:
-    def change(arm: ArmState, _: FloatArray) -> ArmState:
+    def change(arm: FaultyArm, _: FloatArray) -> FaultyArm:
         order = arm.order.copy()
         order[[n, m]] = order[[m, n]]
         return replace(arm, order=order)

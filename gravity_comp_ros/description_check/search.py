@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description_check.faults import ArmState, CheckOptions, Fault
+from gravity_comp_ros.description_check.faults import CheckOptions, Fault, FaultyArm
 from gravity_comp_ros.effects.motion_direction import directions
 from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.regression.options import EngineOptions
@@ -42,7 +42,7 @@ class FaultFit:
     alternatives: tuple[FaultFit, ...] = ()
 
 
-class Evidence:
+class FaultEvidence:
     """
     The recording, and the log likelihood of arms.
 
@@ -51,7 +51,7 @@ class Evidence:
     :param arm: of which the residual shows the size of friction.
     """
 
-    def __init__(self, samples: JointSamples, noise: FloatArray, arm: ArmState,
+    def __init__(self, samples: JointSamples, noise: FloatArray, arm: FaultyArm,
                  options: CheckOptions) -> None:
         self.q, self.options, tau = samples.q, options, samples.tau
         columns = [np.column_stack([np.ones(len(tau)), directions(samples, j), qd])
@@ -72,11 +72,11 @@ class Evidence:
         rest = by_joint - self._bases @ (self._bases.transpose(0, 2, 1) @ by_joint)
         return np.asarray((rest[:, :, 0].T * self.weight).ravel())
 
-    def residual(self, arm: ArmState) -> FloatArray:
+    def residual(self, arm: FaultyArm) -> FloatArray:
         """Return the residual of an arm in standard deviations, (M N,)."""
         return self.target - self.weighted(arm.gravity(self.q))
 
-    def fitted(self, arm: ArmState, faults: Sequence[Fault], start: FloatArray,
+    def fitted(self, arm: FaultyArm, faults: Sequence[Fault], start: FloatArray,
                prior: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """
         Return parameters, covariance and log posterior of faults from a start, by least squares.
@@ -98,7 +98,7 @@ class Evidence:
                 -float(fit.cost) - 0.5 * float(np.linalg.slogdet(information)[1]))
 
 
-def changed(arm: ArmState, faults: Sequence[Fault], parameters: FloatArray) -> ArmState:
+def changed(arm: FaultyArm, faults: Sequence[Fault], parameters: FloatArray) -> FaultyArm:
     """Return the arm with faults, their parameters one after another."""
     start = 0
     for fault in faults:
@@ -107,7 +107,7 @@ def changed(arm: ArmState, faults: Sequence[Fault], parameters: FloatArray) -> A
     return arm
 
 
-def search(evidence: Evidence, arm: ArmState, faults: Sequence[Fault]
+def search(evidence: FaultEvidence, arm: FaultyArm, faults: Sequence[Fault]
            ) -> tuple[list[FaultFit], FaultFit]:
     """Return the faults of a description in the order of their evidence, and the next one."""
     options, selected = evidence.options, list[FaultFit]()
@@ -120,7 +120,7 @@ def search(evidence: Evidence, arm: ArmState, faults: Sequence[Fault]
             selected = _exchanged(evidence, arm, selected, faults)
 
 
-def _best(evidence: Evidence, arm: ArmState, others: Sequence[FaultFit],
+def _best(evidence: FaultEvidence, arm: FaultyArm, others: Sequence[FaultFit],
           faults: Sequence[Fault]) -> FaultFit:
     """Return the fault of the largest evidence in addition to others, with its alternatives."""
     state = corrected(arm, others)
@@ -135,7 +135,7 @@ def _best(evidence: Evidence, arm: ArmState, others: Sequence[FaultFit],
         and fit is other[fit.fault.kind, fit.fault.subjects]))
 
 
-def _exchanged(evidence: Evidence, arm: ArmState, selected: list[FaultFit],
+def _exchanged(evidence: FaultEvidence, arm: FaultyArm, selected: list[FaultFit],
                faults: Sequence[Fault]) -> list[FaultFit]:
     """Return the faults after each was compared again, given the others."""
     for fit in list(selected):
@@ -149,7 +149,7 @@ def _exchanged(evidence: Evidence, arm: ArmState, selected: list[FaultFit],
     return selected
 
 
-def _best_start(evidence: Evidence, arm: ArmState, fault: Fault, before: float,
+def _best_start(evidence: FaultEvidence, arm: FaultyArm, fault: Fault, before: float,
                 log_odds: float) -> FaultFit:
     results = []
     for start in fault.starts:
@@ -159,7 +159,7 @@ def _best_start(evidence: Evidence, arm: ArmState, fault: Fault, before: float,
     return max(results, key=lambda fit: fit.evidence)
 
 
-def _together(evidence: Evidence, arm: ArmState, fits: Sequence[FaultFit]) -> list[FaultFit]:
+def _together(evidence: FaultEvidence, arm: FaultyArm, fits: Sequence[FaultFit]) -> list[FaultFit]:
     """Return the faults with all parameters fitted together."""
     faults, start = [fit.fault for fit in fits], _joined(fits)
     nearest = [fit.fault.starts[np.argmin(np.abs(fit.fault.starts - fit.parameters).sum(axis=1))]
@@ -179,7 +179,7 @@ def _basis(columns: FloatArray) -> FloatArray:
     return np.asarray(basis * (size > 1e-9 * size[0]))
 
 
-def corrected(arm: ArmState, fits: Sequence[FaultFit]) -> ArmState:
+def corrected(arm: FaultyArm, fits: Sequence[FaultFit]) -> FaultyArm:
     """Return the arm without faults of its description."""
     return changed(arm, [fit.fault for fit in fits], _joined(fits))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.option_checks import check_positive
-from gravity_comp_ros.data.runs import rows_of
+from gravity_comp_ros.data.runs import numbers_in
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.display import change, Displayable, percent, TextTable
 from gravity_comp_ros.effects.predict import predict_torque
@@ -239,7 +239,7 @@ def compare(model: GravityModel, samples: JointSamples,
     if recorded is None or not model.applied.effects:
         predicted = predict_torque(model, samples)
     else:
-        predicted = predict_torque(model, recorded)[rows_of(recorded, samples)]
+        predicted = predict_torque(model, recorded)[numbers_in(recorded, samples)]
     band = None
     if model.covariance is not None:
         band = HALF_95 * np.hypot(model.predict_std(samples.q), model.noise)

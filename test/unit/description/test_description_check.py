@@ -12,7 +12,7 @@ from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description_check.check import check_description
-from gravity_comp_ros.description_check.faults import ArmState
+from gravity_comp_ros.description_check.faults import FaultyArm
 from gravity_comp_ros.description_check.sentences import findings
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.kinematic.chain import tilt
@@ -134,7 +134,7 @@ def test_the_gravity_of_a_state_agrees_with_the_columns_of_links(samples):
     inertials = arm.inertials()
     x = np.concatenate([one.about_origin()[:4] for one in inertials.values()])
     bodies = (arm.to_frames(list(inertials)) @ x).reshape(-1, 4)
-    state = ArmState.described(arm.geometry.rotations, arm.geometry.origins, bodies)
+    state = FaultyArm.described(arm.geometry.rotations, arm.geometry.origins, bodies)
     expected = arm.columns(samples.q, list(inertials)) @ x
     np.testing.assert_allclose(state.gravity(samples.q), expected, atol=1e-9)
     # Turned at angle 0, an axis moves nothing.
