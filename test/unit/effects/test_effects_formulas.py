@@ -11,7 +11,6 @@ from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import SHORTEST
 from gravity_comp_ros.effects.request import known_effect
-from gravity_comp_ros.models.kinematic.chain import Chain
 import numpy as np
 import pytest
 
@@ -57,6 +56,8 @@ def stamped(motion, *starts):
      np.abs(G[:, 0] + 0.5 * D[:, 0]) * D[:, 0]),
     ('coupled_friction', {'partner': 2.0, 'sign': -1.0, 'width': 0.02},
      np.tanh((QD[:, 0] - QD[:, 1]) / 0.02)),
+    ('stribeck_friction', {'speed': 0.05, **LAW}, D[:, 0] * np.exp(-(QD[:, 0] / 0.05) ** 2)),
+    ('degressive_friction', {'power': 0.5, **LAW}, D[:, 0] * np.sqrt(np.abs(QD[:, 0]))),
     ('torque_offset', {}, np.ones(6)),
     ('torque_gain', {}, G[:, 0]),
     ('cable_stiffness',
@@ -92,15 +93,6 @@ def test_column_by_hand(motion, name, setting, column):
 def test_columns_by_hand(motion, name, setting, columns):
     result = known_effect(name).columns(motion, 0, setting)
     np.testing.assert_allclose(result, np.column_stack(columns), atol=1e-12)
-
-
-def test_lubricated_friction_by_hand(motion):
-    law = {'width': 0.004}
-    d = np.tanh(QD[:, 0] / 0.004)
-    stribeck = known_effect('stribeck_friction').columns(motion, 0, {'speed': 0.05, **law})
-    np.testing.assert_allclose(stribeck[:, 0], d * np.exp(-(QD[:, 0] / 0.05) ** 2))
-    degressive = known_effect('degressive_friction').columns(motion, 0, {'power': 0.5, **law})
-    np.testing.assert_allclose(degressive[:, 0], d * np.sqrt(np.abs(QD[:, 0])))
 
 
 def test_a_spring_on_a_crank_has_the_symbols_of_its_columns(motion):
@@ -171,48 +163,6 @@ def test_a_direction_that_persists_at_rest_is_that_of_presliding(motion):
     coulomb = known_effect('coulomb_friction')
     expected = [coulomb.columns(motion, 0, law)[:, 0] for law in ({'distance': 0.1}, SHORTEST)]
     np.testing.assert_allclose(presliding[:, 0], expected[0] - expected[1], atol=1e-12)
-
-
-# A pendulum of 2 N·m on a horizontal axis, y of the base: z of frame 1 is -y.
-PENDULUM = Chain(np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]]),
-                 np.array([[2.0, 0.0]]))
-
-
-def pendulum_motion():
-    """Return the motion of the pendulum at six angles, in two runs."""
-    q = Q[:, :1]
-    samples = JointSamples(('a',), T, q, QD[:, :1], 0 * q, np.array([0, 0, 0, 1, 1, 1]),
-                           ('one', 'two'))
-    return Motion(samples, QDD[:, :1], PENDULUM.torque(q), lambda q: -2 * np.sin(q)[:, :, None],
-                  PENDULUM)
-
-
-BEFORE = np.array([-1.0, -1, -1, -1, 0, 0])
-CHANGE = {'run': 2.0, 'time': 1.0, 'clock': 0.0}
-
-
-def test_changes_of_a_pendulum_by_hand():
-    """tau_g = h_x cos q - h_y sin q, with h = (2, 0), before 1 s in the second run."""
-    motion, q = pendulum_motion(), Q[:, 0]
-    np.testing.assert_allclose(motion.gravity[:, 0], 2.0 * np.cos(q))
-    np.testing.assert_allclose(change_factor(motion, CHANGE), BEFORE)
-    payload = known_effect('payload_change').columns(motion, 0, CHANGE)
-    np.testing.assert_allclose(payload[:, 0], BEFORE[:, None] * np.column_stack(
-        [np.cos(q), -np.sin(q)]), atol=1e-12)
-    offset = known_effect('encoder_offset').columns(motion, 0, CHANGE)
-    np.testing.assert_allclose(offset[:, 0, 0], BEFORE * -2.0 * np.sin(q))
-
-
-def test_tilt_of_an_inclined_pendulum_by_hand():
-    """With its axis at an angle a from the vertical, tau_g = 2 sin a cos q."""
-    a, q = 0.4, Q[:, 0]
-    axis = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(a), -np.sin(a)], [0.0, np.sin(a), np.cos(a)]])
-    chain = Chain(axis[None], PENDULUM.moments)
-    motion = replace(pendulum_motion(), gravity=chain.torque(Q[:, :1]), chain=chain)
-    np.testing.assert_allclose(motion.gravity[:, 0], 2.0 * np.sin(a) * np.cos(q))
-    tilt = known_effect('base_tilt').columns(motion, 0, CHANGE)
-    np.testing.assert_allclose(tilt[:, 0], BEFORE[:, None] * 2.0 * np.cos(a) * np.column_stack(
-        [np.cos(q), np.sin(q)]), atol=1e-12)
 
 
 def test_columns_of_the_whole_arm_by_hand(motion):

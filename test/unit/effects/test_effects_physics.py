@@ -116,14 +116,6 @@ def with_dynamics(name):
     return replace(motion, qdd=np.concatenate([m.qdd for m in motions_of(name, 2)]))
 
 
-def test_inertia_of_a_pendulum_is_that_of_its_parts():
-    motion = replace(with_dynamics('pendulum'), geometry=None)
-    values, residual = rigid_body(motion)
-    # Its axis is z of the link's frame.
-    assert values['I_1zz'] == pytest.approx(3 * (0.4 ** 2 + 0.1 ** 2) + 0.02, rel=1e-6)
-    assert np.abs(residual).max() < 1e-8
-
-
 @pytest.mark.parametrize('name', ['six_axis', 'iiwa7'])
 @pytest.mark.parametrize('described', [True, False])
 def test_dynamics_of_an_arm_are_those_of_pinocchio(name, described):
