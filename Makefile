@@ -44,7 +44,7 @@ demo: venv
 bench: venv
 	$(PYTEST) $(VENV)/bin/python -m pytest $(PYTEST_JOBS) -m campaign $(PYTEST_ARGS)
 
-# Lint and types are tests (test/docs/test_style.py), where they run in parallel with the others.
+# Lint and types are tests (test/docs/test_pages.py), where they run in parallel with the others.
 test: venv
 	$(PYTEST) $(VENV)/bin/python -m pytest $(PYTEST_JOBS) $(PYTEST_ARGS)
 

@@ -14,7 +14,7 @@ settings.register_profile('quick', max_examples=25, deadline=None)
 settings.load_profile('quick')
 # Test files of more than eight seconds, the longest first.
 LONGEST = (
-    'test_workbench_loop.py', 'test_diagnosis.py', 'test_updates.py', 'test_style.py',
+    'test_workbench_loop.py', 'test_diagnosis.py', 'test_updates.py', 'test_pages.py',
     'test_tilt_and_zero_angles.py', 'test_ten_minutes.py', 'test_joint_gains.py',
     'test_workbench_input.py', 'test_workbench_session.py',
     'test_description_check.py', 'test_node_acceptance.py', 'test_node_ros.py',

@@ -1,17 +1,47 @@
-"""
-docs/dependencies.md lists each dependency once.
-
-Those of tests and benches alone have their reason behind the version in requirements/ instead.
-"""
+"""Links, files and dependencies that the pages name exist; style by ament's linters, and types."""
 
 import ast
 from pathlib import Path
 import re
+import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
+FOLDERS = 'bags|bench|config|examples|requirements|test|tools'
+
+
+def anchors(page):
+    """Return the anchors of the headings of a page."""
+    headings = re.findall(r'^#+ (.*)$', page.read_text(), re.MULTILINE)
+    return {re.sub(r'[^\w -]', '', heading.lower()).replace(' ', '-') for heading in headings}
+
+
+def each(pages):
+    return pytest.mark.parametrize('page', pages, ids=lambda page: page.name)
+
+
+@each(PAGES)
+def test_links_resolve(page):
+    for link in re.findall(r'\]\(([^):]+)\)', page.read_text()):
+        name, _, anchor = link.partition('#')
+        target = page.parent / name if name else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+@each(PAGES)
+def test_files_and_benches_exist(page):
+    text = page.read_text()
+    paths = re.findall(rf'(?<![\w/])((?:{FOLDERS})/[\w./-]*\w)', text)
+    paths += [module.replace('.', '/') for module in re.findall(r'-m (bench[\w.]*\w)', text)]
+    assert [path for path in paths if not any(
+        (ROOT / (path + ending)).exists() for ending in ('', '.py'))] == []
+
+
 PAGE = ROOT / 'docs' / 'dependencies.md'
 SOURCES = [path for folder in ('gravity_comp_ros', 'test', 'launch', 'examples', 'bench', 'docs')
            for path in sorted((ROOT / folder).rglob('*.py'))]
@@ -83,3 +113,30 @@ def test_rosdep_keys_are_listed():
     names |= {name.replace('-', '_') for name in names}
     bare = {re.sub('^python3-|-pip$', '', key) for key in keys} - {'mcap-ros2-support'}
     assert {'pyyaml' if key == 'yaml' else key for key in bare} - names == set()
+
+
+# The files that a workspace installs; ruff checks tests and benches, too.
+INSTALLED = [name for name in ('gravity_comp_ros', 'launch', 'setup.py') if (ROOT / name).exists()]
+
+
+def lint(*command, paths):
+    """Return exit status and output of a linter with the settings in setup.cfg."""
+    done = subprocess.run([sys.executable, '-m', *command, *map(str, paths)], cwd=ROOT,
+                          capture_output=True, text=True, timeout=300)
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_flake8():
+    status, output = lint('flake8', '--config', 'setup.cfg', paths=INSTALLED)
+    assert status == 0, output
+
+
+def test_ruff():
+    # Includes docstrings by the rules of ament_pep257.
+    status, output = lint('ruff', 'check', '--no-cache', paths=())
+    assert status == 0, output
+
+
+def test_types():
+    status, output = lint('mypy', paths=())
+    assert status == 0, output
