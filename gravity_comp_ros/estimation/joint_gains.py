@@ -196,7 +196,7 @@ def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains
     """Return the gains of a recording."""
     n = fit.q.shape[1]
     reference = int(np.argmax(fit.size))
-    free = np.array([k for k in range(n) if k != reference and fit.size[k] > 0])
+    free = np.flatnonzero((np.arange(n) != reference) & (fit.size > 0.0))
     equal, rng = fit.plain, np.random.default_rng(0)
     fits = [fit.run(equal.chain.axes, free=free)]
     for each in fit.plains:

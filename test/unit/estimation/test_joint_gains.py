@@ -239,6 +239,13 @@ def test_a_part_of_an_arm_on_a_link_that_tilts_is_fitted_and_updated(wrist, tmp_
     assert 'the vertical changes by 2' in capsys.readouterr().err
 
 
+def test_an_arm_with_effort_on_one_joint_alone_has_no_gains():
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (600, 2))
+    samples = JointSamples.single_run(('a', 'b'), 0.2 * np.arange(600), q, 0.0 * q,
+                                      np.column_stack([np.zeros(600), 5.0 * np.sin(q[:, 1])]))
+    assert joint_gains(ArmFit(samples)).facts() == [] == torque_facts(samples)
+
+
 def test_too_little_motion_has_no_result():
     samples = recorded()
     assert not moves_enough(samples.select(np.arange(60)))
