@@ -82,7 +82,7 @@ def model_of(estimate: Estimate, switched_on: Collection[str] = (),
         effect = _applied(estimate, posterior, term, joints)
         chosen = effect.target in switched_on or is_absorbed(estimate, term)
         (predicted if chosen else fitted).append(effect)
-    if has_dynamics(shared) and _moves(estimate, shared):
+    if has_dynamics(shared) and all_effects()[DYNAMICS].untestable(regression.motion, 0) is None:
         dynamics = _dynamics(estimate, shared, posterior)
         (predicted if DYNAMICS in switched_on else fitted).append(dynamics)
     model = replace(model, applied=Applied(tuple(predicted)), fitted=Applied(tuple(fitted)))
@@ -96,12 +96,6 @@ def with_residuals(model: GravityModel, estimate: Estimate) -> GravityModel:
     error = (samples.tau - predict_torque(model, samples))[rows]
     rest = error - fitted_torque(model, samples)[rows]
     return replace(model, noise=_rms(error), residual_std=_rms(rest))
-
-
-def _moves(estimate: Estimate, shared: KnownAxes | UnknownLengths) -> bool:
-    """Return whether the motion has accelerations, from which dynamics are estimated."""
-    motion = replace(estimate.regression.motion, chain=shared.chain)
-    return all_effects()[DYNAMICS].untestable(motion, 0) is None
 
 
 def has_dynamics(shared: Shared) -> TypeGuard[KnownAxes | UnknownLengths]:

@@ -107,8 +107,9 @@ def excited(estimated: Estimate, effects: Sequence[Request]) -> tuple[list[str],
     targets, left_out = [], {}
     for request in effects:
         key = key_of(request.target, regression.problem.samples.names)
-        reason = None if key in terms else regression.candidates.untestable.get(key)
-        if reason is None:
+        reason = (request.effect.untestable(regression.motion, 0) if request.effect.is_shared
+                  else regression.candidates.untestable.get(key))
+        if key in terms or reason is None:
             targets.append(request.target)
         elif request.named:
             raise DataError(f'{request.target} cannot be estimated: {reason}')

@@ -14,6 +14,7 @@ from gravity_comp_ros.effects.request import known_effect, requests
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, regressor
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -113,8 +114,11 @@ def test_a_joint_without_gravity_does_not_affect_the_others(noise):
 
 def test_without_axes_it_is_untestable():
     samples = recording(generated_arm(0, 3), 0, 3.0)
-    motion = motion_of(fit(samples, FitOptions('potential')).model, samples)
+    model = fit(samples, FitOptions('potential')).model
+    motion = motion_of(model, samples)
     assert 'no serial arm' in known_effect('rigid_body_dynamics').untestable(motion, 0)
+    with pytest.raises(DataError, match='cannot be estimated.*no serial arm'):
+        refit(samples, model, requests(['rigid_body_dynamics'], samples.names))
 
 
 def test_a_model_file_includes_the_geometry(tmp_path):
