@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+import pickle
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
@@ -56,11 +57,7 @@ class ChainOfModel:
 
     def of(self, model: GravityModel, geometry: Geometry | None) -> GravityModel | None:
         """Return the gravity of a model as a chain, None where no chain explains it."""
-        parts = [part for torque in model.torques for part in (torque.indices, torque.weights)]
-        if geometry is not None:
-            parts += [geometry.rotations, geometry.origins]
-        effects = repr((model.applied.effects, model.fitted.effects)).encode()
-        key = effects + b'|'.join(np.ascontiguousarray(part).tobytes() for part in parts)
+        key = pickle.dumps((model, geometry))
         if key != self._key:
             self._key, self._chain = key, as_chain(model, geometry)
         return self._chain

@@ -102,7 +102,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
         run(search, with_exchanges=False)
         fit = gauss_newton(fit.selected(search.posterior))[0]
         fit = fit.weighted(_weights(fit))
-    for number in range(int(is_selected), options.passes):
+    for number in range(int(is_selected), max(options.passes, 1 + is_selected)):
         tested = effects if number else [e for e in effects if not e.resembles_gravity]
         search = _search(fit, tested, forced, log)
         changed = run(search, with_exchanges=number > 0)

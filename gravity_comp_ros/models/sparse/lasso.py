@@ -180,7 +180,8 @@ class LassoProblem:
         indices = self._set[order]
         certificate = self._certify(indices, z[order], lam)
         return LassoSolution(lam, indices, z[order] * self._inverse_lengths[indices],
-                             iterations, rounds, len(self._set), inner.converged, certificate)
+                             iterations, rounds, len(self._set),
+                             certificate.violation <= self.options.tolerance, certificate)
 
     def _certify(self, indices: IntArray, z: FloatArray, lam: float) -> Certificate:
         """Return the certificate, computed from A, b and z only."""

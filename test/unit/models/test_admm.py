@@ -2,7 +2,7 @@
 
 from bench.shared.dense import breach, coordinate_descent, DenseDesign, objective
 from gravity_comp_ros.errors import FitError
-from gravity_comp_ros.models.sparse import admm
+from gravity_comp_ros.models.sparse import admm, lasso as lasso_problem
 from gravity_comp_ros.models.sparse.lasso import LassoProblem, LassoSolution
 from gravity_comp_ros.models.sparse.regressor import Design, EnergyDesign, TorqueDesign
 from hypothesis import given, strategies as st
@@ -240,6 +240,13 @@ def test_a_path_ends_at_the_solution_of_a_single_solve():
     np.testing.assert_array_equal(warm.indices, cold.indices)
     np.testing.assert_allclose(warm.x, cold.x, atol=1e-6)
     np.testing.assert_allclose(path.solve(4.0).x, warm.x, atol=1e-9)
+
+
+def test_a_solution_that_violates_the_conditions_has_not_converged(monkeypatch):
+    monkeypatch.setattr(lasso_problem, '_MAX_ROUNDS', 1)
+    monkeypatch.setattr(lasso_problem, '_BATCH', 1)
+    solution = lasso(*pendulum()).solve(4.0)
+    assert solution.certificate.violation > 1.0 and not solution.converged
 
 
 def test_the_working_set_stays_small():

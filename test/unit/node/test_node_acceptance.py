@@ -8,7 +8,7 @@ from bench.shared.campaign import campaign
 from bench.shared.payload_samples import job_of, recorded
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError
-from gravity_comp_ros.estimation.chain_of_model import as_chain
+from gravity_comp_ros.estimation.chain_of_model import as_chain, ChainOfModel
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
@@ -178,6 +178,10 @@ def test_a_potential_model_of_a_serial_arm_is_a_chain(base):
     assert np.abs(chain.predict(bare.q) - model.predict(bare.q)).max() < 0.3
     no_chain = replace(model, covariance=None)
     assert as_chain(no_chain) is None
+    # Any part of the model may change its chain.
+    chains = ChainOfModel()
+    assert chains.of(no_chain, None) is None and chains.of(model, None) is not None
+    assert chains.of(model, None) is chains.of(model, None)
 
 
 def test_reference_noise_is_the_larger_of_earlier_and_present_noise():

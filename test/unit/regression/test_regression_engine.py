@@ -15,6 +15,7 @@ from gravity_comp_ros.regression.alternatives import alternatives
 from gravity_comp_ros.regression.engine import _search as search_of, regress
 from gravity_comp_ros.regression.exchanges import _again as select_again
 from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_common_terms
+from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 from hypothesis import given, settings, strategies as st
@@ -60,6 +61,12 @@ def test_a_pendulum_by_hand(seed):
     np.testing.assert_allclose(result.shared.weights, [4.0, -1.0], atol=0.05)
     assert result.noise[0] == pytest.approx(NOISE, rel=0.1)
     assert result.converged
+
+
+def test_a_selected_start_has_one_pass_at_least():
+    samples = with_torque(motion_of_joints(1, 0, rate=10.0), lambda q, qd, t: np.sin(q), 0)
+    problem = Problem.of(samples, options=EngineOptions(passes=1))
+    assert regress(problem, OwnGravity(np.zeros(2)), SMALL, is_selected=True).converged
 
 
 @pytest.mark.parametrize('seed', [0, *campaign(1, 2, 3, 4)])
