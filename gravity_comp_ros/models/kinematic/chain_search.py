@@ -20,26 +20,29 @@ import numpy as np
 _COARSE_SAMPLES = 200
 # Number of starts from random axes before the best axes are varied.
 _RANDOM = 4
-# The best maximum is accepted after this number of further starts reached it, within this many
-# nats per effort.
-_HITS, _SAME = 4, 0.01
+# Maxima within this many nats per effort are the same.
+_SAME = 0.01
 
 
-def search(problem: ArmProblem, starts: int, seed: int = 0) -> ArmState:
-    """Return the best solution from at most a number of starts, drawn from `seed`."""
+def search(problem: ArmProblem, starts: int, seed: int = 0, hits: int = 4) -> ArmState:
+    """
+    Return the best solution from at most a number of starts, drawn from `seed`.
+
+    :param hits: the number of further starts that must reach the best maximum.
+    """
     few = ArmSolver.of_axes(_coarse(problem))
-    rng, hits = np.random.default_rng(seed), 0
+    rng, reached = np.random.default_rng(seed), 0
     same = _SAME * few.problem.tau.size
     best: ArmState | None = None
     for count in range(1, starts + 1):
         tried = few.run(_next_axes(rng, problem.q.shape[1], count, best))
         if best is not None and tried.cost > best.cost - same:
             # A slightly lower cost is the same maximum again.
-            hits += tried.cost < best.cost + same
-            if hits >= _HITS:
+            reached += tried.cost < best.cost + same
+            if reached >= hits:
                 break
             continue
-        best, hits = tried, 0
+        best, reached = tried, 0
     assert best is not None
     return ArmSolver.of_axes(problem).run(best.chain.axes)
 
