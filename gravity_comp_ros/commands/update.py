@@ -93,7 +93,7 @@ def _joint_table(result: UpdateResult) -> Table:
              f'± {HALF_95 * report.std[name]:.3f}', f'{report.rmse_before[name]:.4f}',
              f'{report.rmse[name]:.4f}') for name in result.model.joints]
     return terminal.table(
-        f'torque of the payload, N·m ({report.formulation}, {report.n_samples} samples)',
+        f'torque of the payload, N·m ({report.n_samples} samples)',
         ['joint', 'mean', 'largest', 'uncertainty (95 %)', 'RMSE before', 'RMSE after'], rows)
 
 

@@ -1,10 +1,10 @@
 """
 Few-sample update of a model after a payload change.
 
-A payload changes few coefficients of a model: some moments of a chain, or some weights of an
-energy. All other coefficients keep their values and their uncertainty (`update_step`). With known
-link lengths a payload is only four parameters (`payload_estimate`); the model changes by these
-unless the samples show a different change.
+A payload changes few moments of a chain. All other coefficients keep their values and their
+uncertainty (`update_step`). With known link lengths a payload is only four parameters
+(`payload_estimate`); the model changes by these unless the samples show a different change. A
+potential is changed as the chain that explains it (`chain_of_model`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gravity_comp_ros.effects.predict import fitted_torque, torque_of
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError
 from gravity_comp_ros.estimation import robust
-from gravity_comp_ros.estimation.chain_of_model import on_axes
+from gravity_comp_ros.estimation.chain_of_model import as_chain, on_axes
 from gravity_comp_ros.estimation.chain_update import NewSamples
 from gravity_comp_ros.estimation.change_options import CHANGE
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload
@@ -33,7 +33,6 @@ from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
-from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 
 
@@ -48,17 +47,17 @@ class UpdateResult:
 def update(model: GravityModel, samples: JointSamples,
            geometry: Geometry | None = None) -> UpdateResult:
     """
-    Update a model to samples recorded after a payload change, by a sparse change.
+    Update a model to samples recorded after a payload change, by a sparse change of a chain.
 
     With known axes the dynamic torque of a nominal arm with the payload is subtracted first.
 
-    :param model: of the chain or the potential formulation.
+    :param model: a chain, or a potential that a chain explains.
     :param samples: gated; joints are matched by name. Fifty (10 s at 5 Hz) are a good number.
         Their torque is gravity: the torque of the model's effects must have been subtracted.
     :param geometry: of this arm, to estimate the payload; the new model is a chain on its axes,
         with the joints in its order.
-    :raises ModelMismatchError: if a joint is missing from the samples, the model is per_joint and
-        there is no geometry, or the geometry is of another arm.
+    :raises ModelMismatchError: if a joint is missing from the samples, no chain explains the
+        model, or the geometry is of another arm.
     :raises FitError: if there are too few samples.
     """
     samples = samples.joints(model.joints)
@@ -67,10 +66,11 @@ def update(model: GravityModel, samples: JointSamples,
                        f'needs {CHANGE.min_samples}. Keep the arm moving slowly')
     if geometry is not None:
         return _with_payload(model, samples, geometry)
-    if model.energy is None:
-        raise ModelMismatchError('a per_joint model has no energy that a payload could change; '
-                                 'fit it again, or keep a chain or potential model')
-    return _update(model, samples, None)[0]
+    chain = as_chain(model)
+    if chain is None:
+        raise ModelMismatchError(f'no chain of joints explains this {model.formulation} model, of '
+                                 f'which a payload could change the moments; fit it again')
+    return _update(chain, samples, None)[0]
 
 
 def _with_payload(model: GravityModel, samples: JointSamples, geometry: Geometry
@@ -150,15 +150,11 @@ def payload_change_weights(model: GravityModel, samples: JointSamples) -> FloatA
 
     The residual may contain any change of the model's coefficients, such as that by a payload.
 
-    :param model: of the arm before the change, a chain or a potential.
+    :param model: of the arm before the change, a chain.
     :param samples: after the change; their torque is gravity.
     """
-    if model.chain is not None:
-        columns = ForwardKinematics(model.chain.axes, samples.q).moment_columns()
-    else:
-        assert model.energy is not None
-        design = EnergyDesign(samples.q, np.ones(samples.tau.shape))
-        columns = design.columns(model.energy.indices).T.reshape(-1, *samples.tau.T.shape)
+    assert model.chain is not None
+    columns = ForwardKinematics(model.chain.axes, samples.q).moment_columns()
     return robust.irls_weights(samples.tau - model.predict(samples.q), columns,
                                noise.floor(samples.tau))
 

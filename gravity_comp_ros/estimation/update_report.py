@@ -32,7 +32,6 @@ class UpdateDetails:
     `changed` are changed coefficients of the model; `payload` is None without known axes.
     """
 
-    formulation: str
     n_samples: int
     rmse_before: Mapping[str, float]
     rmse: Mapping[str, float]
@@ -85,7 +84,7 @@ def details(old: GravityModel, step: UpdateStep, samples: JointSamples, rmse: Fl
         return dict(zip(old.joints, values.tolist()))
 
     return UpdateDetails(
-        step.model.formulation, samples.n_samples, by_joint(before), by_joint(rmse),
+        samples.n_samples, by_joint(before), by_joint(rmse),
         by_joint(sigma), by_joint(spread), by_joint(difference.mean(axis=0)),
         by_joint(np.abs(difference).max(axis=0)), step.changed, step.payload,
         step.change.log_evidence, step.change.lasso, tuple(warnings))

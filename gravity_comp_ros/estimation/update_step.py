@@ -1,4 +1,4 @@
-"""Change of a model by new samples: of a chain, an energy, or an arm of known link lengths."""
+"""Change of a chain by new samples, without and with known link lengths."""
 
 from __future__ import annotations
 
@@ -13,10 +13,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.noise import is_outlier
-from gravity_comp_ros.models.sparse.dictionary import Expansion, feature_name
-from gravity_comp_ros.models.sparse.regressor import EnergyDesign
-from gravity_comp_ros.models.sparse.sparse_change import average_change, Change, ChangeProblem
+from gravity_comp_ros.models.sparse.sparse_change import Change
 import numpy as np
 
 
@@ -42,13 +39,11 @@ class UpdateStep:
 def changed_model(model: GravityModel, new: NewSamples, geometry: Geometry | None,
                   trials: tuple[Trial, ...] = ()) -> UpdateStep:
     """
-    Return the change of a model that explains new samples.
+    Return the change of a chain with a covariance that explains new samples.
 
-    :param geometry: of the arm, to estimate the payload; the model is a chain on its axes then.
+    :param geometry: of the arm, to estimate the payload; the chain is on its axes then.
     :param trials: those of an earlier step with other noise.
     """
-    if model.chain is None:
-        return _energy_step(model, new)
     free = _chain_step(model, new, trials)
     return free if geometry is None else _payload_step(model, new, geometry, free)
 
@@ -75,45 +70,17 @@ def _moment_names(model: GravityModel) -> list[str]:
 
 def _chain_step(model: GravityModel, new: NewSamples,
                 trials: tuple[Trial, ...]) -> UpdateStep:
-    assert model.chain is not None
-    n = model.n_joints
-    covariance = np.zeros((4 * n, 4 * n)) if model.covariance is None else model.covariance
+    assert model.chain is not None and model.covariance is not None
     box = np.stack([model.coverage.q_min, model.coverage.q_max])
-    path = None if model.payload_path is None else path_moments(model.payload_path, model.chain,
-                                                                box)
-    result = update_chain(model.chain, covariance, new, box, trials, path)
+    path = None if model.payload_path is None else path_moments(
+        model.payload_path, model.chain, box)
+    result = update_chain(model.chain, model.covariance, new, box, trials, path)
     names, moments = _moment_names(model), result.chain.moments - model.chain.moments
-    changed = {names[k]: float(moments.ravel()[k]) for k in result.change.support - 2 * n}
+    changed = {names[k]: float(moments.ravel()[k])
+               for k in result.change.support - 2 * model.n_joints}
     return UpdateStep(_with_chain(model, result.chain, result.covariance), changed,
                       result.change, trials=result.trials)
 
 
-def _energy_step(model: GravityModel, new: NewSamples) -> UpdateStep:
-    """Return a sparse change of the weights; a payload adds no features to those of the arm."""
-    old = model.energy
-    assert old is not None
-    count = len(old.indices)
-    covariance = np.zeros((count, count)) if model.covariance is None else model.covariance
-    columns = EnergyDesign(new.q, np.ones(new.tau.shape)).columns(old.indices).T.reshape(
-        count, *new.tau.T.shape)
-    residual = new.tau - model.predict(new.q)
-    size = float(np.abs(residual[~is_outlier(new.robust_weights)]).max(initial=0.0))
-    change = average_change(ChangeProblem(
-        new.in_noise(columns).reshape(count, -1), new.in_noise(residual.T).ravel(), covariance,
-        np.arange(count), size))
-    energy = Expansion(old.indices, old.weights + change.mean)
-    changed = {feature_name(int(old.indices[k]), model.n_joints): float(change.mean[k])
-               for k in change.support}
-    return UpdateStep(_with_energy(model, energy, None, change.covariance), changed, change)
-
-
 def _with_chain(model: GravityModel, chain: Chain, covariance: FloatArray) -> GravityModel:
-    return _with_energy(model, expand(chain), chain, covariance)
-
-
-def _with_energy(model: GravityModel, energy: Expansion, chain: Chain | None,
-                 covariance: FloatArray) -> GravityModel:
-    changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
-                                       model.coverage, model.provenance, chain, covariance)
-    return replace(changed, applied=model.applied, history=model.history,
-                   fitted=model.fitted, residual_std=model.residual_std, geometry=model.geometry)
+    return replace(model, torques=(), energy=expand(chain), chain=chain, covariance=covariance)

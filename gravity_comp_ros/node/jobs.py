@@ -157,9 +157,9 @@ def _compared_fit(job: Job, judged: list[Check]) -> FitResult:
     """
     start, samples = time.monotonic(), job.rows.samples
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
-    base, tried = chain or job.base, list[Candidate]()
-    if job.base is not None and base is not None and base.energy is not None:
-        outlying = outliers_of_change(without_effects(job.base, samples)[0], base)
+    tried = list[Candidate]()
+    if job.base is not None and chain is not None:
+        outlying = outliers_of_change(without_effects(job.base, samples)[0], chain)
     else:
         tried = list(candidates(job, None))
         outlying = outliers_of_fit(tried[0].residual(samples), samples)
@@ -276,11 +276,11 @@ def candidates(job: Job, chain: GravityModel | None) -> Iterator[Candidate]:
     if new_effects and len(train) < FULL_FIT_SAMPLES:
         raise FitError(f'{len(train)} training samples; a model with {", ".join(effects)} '
                        f'requires {FULL_FIT_SAMPLES}: keep moving slowly')
-    if base is None or base.energy is None or new_effects:
+    if chain is None or new_effects:
         yield from _full_fits(job)
         return
-    samples = replace(train, tau=train.tau - effect_torque(base, train))
-    changed = update(base, samples, geometry=base.geometry).model
+    samples = replace(train, tau=train.tau - effect_torque(chain, train))
+    changed = update(chain, samples, geometry=chain.geometry).model
     yield candidate(changed, job, 'change of the old model')
     if len(train) >= FULL_FIT_SAMPLES:
         # There is a result already, so a full fit may fail.

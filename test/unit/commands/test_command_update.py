@@ -94,7 +94,7 @@ def test_text_and_undo(folder, model, capsys):
     assert main(['update', str(folder / 'tool.mcap'), '--model', str(model), '--urdf', URDF]) == 0
     text = capsys.readouterr().out
     assert 'mass +' in text and 'in the frame of iiwa_link_7' in text
-    assert 'torque of the payload, N·m (chain, 50 samples)' in text
+    assert 'torque of the payload, N·m (50 samples)' in text
     assert main(['update', '--undo', '--model', str(model)]) == 0
     back = load_model(model)
     np.testing.assert_array_equal(back.predict(LATER), before.predict(LATER))

@@ -220,14 +220,11 @@ def test_an_update_warns_of_a_large_uncertainty(old):
     assert update(old['chain'], recorded(loaded, LATER[:100])).report.warnings == ()
 
 
-def test_update_of_a_potential(old):
-    model = old['potential']
+def test_update_of_a_potential_is_that_of_its_chain(old, wide):
     loaded = with_payload(ARM, Payload(2.0, (0.0, 0.0, 0.1)))
-    result = update(model, recorded(loaded, LATER[:100]))
-    assert result.model.formulation == 'potential'
-    np.testing.assert_array_equal(result.model.energy.indices, model.energy.indices)
-    assert worst(result.model, loaded, LATER[:100]) <= 0.3 < worst(model, loaded, LATER[:100])
-    assert np.isfinite(result.model.predict_std(LATER)).all()
+    model = update(old['potential'], recorded(loaded, LATER[:60])).model
+    assert model.formulation == 'chain'
+    assert worst(model, loaded, LATER) <= 0.1 and worst(model, loaded, wide) <= 0.3
 
 
 def test_invalid_updates_are_refused(old):
@@ -237,7 +234,7 @@ def test_invalid_updates_are_refused(old):
     others = samples_of(LATER[:50], np.zeros((50, 7)), 0.1, 0, tuple('abcdefg'))
     with pytest.raises(ModelMismatchError, match='no joint'):
         update(model, others)
-    with pytest.raises(ModelMismatchError, match='per_joint'):
+    with pytest.raises(ModelMismatchError, match='no chain of joints explains this per_joint'):
         update(old['per_joint'], recorded(ARM, LATER[:50]))
 
 
