@@ -28,15 +28,13 @@ from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import is_outlier
 from gravity_comp_ros.models.sparse.sparse_change import (
     average_change, Change, ChangeProblem, find_change, full_evidence)
+from gravity_comp_ros.regression.unknown_lengths import LengthPriors
 import numpy as np
 from scipy.special import softmax
 
 _DIRECTIONS = ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 # Minimum regressor norm, as a share of the largest, of a moment that may change.
 _MIN_RELATIVE_NORM = 1e-3
-# Standard deviation of a machined and zeroed right angle, in rad, and the multiple of it below
-# which that of an angle shows that it was adopted as right.
-TOLERANCE, _ADOPTED = 1e-3, 1.5
 
 
 @dataclass(frozen=True)
@@ -233,7 +231,7 @@ def _along_frame_axes(chain: Chain, covariance: FloatArray, joints: list[int],
         for j in joints:
             diagonal = [2 * j, 2 * j + 1]
             prior[diagonal, diagonal] = 1.0
-            right_angled[diagonal, diagonal] = TOLERANCE ** 2
+            right_angled[diagonal, diagonal] = LengthPriors.right ** 2
         start = Chain(axes, chain.moments)
         trials += [Trial(start, right_angled, price), Trial(start, prior, price)]
     return trials
@@ -253,15 +251,14 @@ class _Hypothesis:
         for _ in range(CHANGE.rounds):
             problem = self._problem()
             change = find_change(problem, change)
-            if self._move(self._kept(change), problem):
+            if self._move(change.mean, problem):
                 break
         assert change is not None
         # After the last round the linearised misfit may differ from the true misfit of the
         # chain; the log evidence is corrected to the true one.
         self.change = change
-        mean = self._kept(change)
-        linear = problem.residual - mean @ problem.columns
-        true = new.residual(chain.moved(mean))
+        linear = problem.residual - change.mean @ problem.columns
+        true = new.residual(chain.moved(change.mean))
         misfit = 0.5 * float(true @ true - linear @ linear)
         self.log_evidence = change.log_evidence - misfit - trial.price
 
@@ -275,14 +272,11 @@ class _Hypothesis:
         problem = self._problem()
         most_probable, residual = self.moved, self.residual
         change = average_change(problem, self.change)
-        self._move(self._kept(change), problem)
+        self._move(change.mean, problem)
         moved = self.moved
         if float(self.residual @ self.residual) > float(residual @ residual) + CHANGE.max_loss:
             moved = most_probable
         return ChainChange(moved, change.covariance, change)
-
-    def _kept(self, change: Change) -> FloatArray:
-        return right_angles_kept(change.mean, change.covariance, self.trial.prior)
 
     def _problem(self) -> ChangeProblem:
         columns = self.new.columns(self.moved)
@@ -311,20 +305,3 @@ class _Hypothesis:
                 break
         return share == 1.0 and halvings == 0 and bool(
             np.abs(move @ problem.columns).max() < CHANGE.converged)
-
-
-def right_angles_kept(mean: FloatArray, covariance: FloatArray, before: FloatArray) -> FloatArray:
-    """
-    Return the mean of a step (K,), first angles (2N,), given that right angles stay right.
-
-    :param covariance: of the step, (K, K).
-    :param before: the covariance (K, K) before the new data; angles with a standard deviation near
-        the tolerance are right angles.
-    """
-    half = len(mean) // 2
-    spread = np.sqrt(np.maximum(np.diag(before)[:half], 0.0))
-    adopted = np.flatnonzero((spread > 0.0) & (spread < _ADOPTED * TOLERANCE))
-    shift = np.linalg.pinv(covariance[np.ix_(adopted, adopted)], hermitian=True) @ mean[adopted]
-    kept = mean - covariance[:, adopted] @ shift
-    kept[adopted] = 0.0
-    return np.asarray(kept)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.estimation.chain_update import NewSamples, right_angles_kept
+from gravity_comp_ros.estimation.chain_update import NewSamples
 from gravity_comp_ros.estimation.change_options import CHANGE
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -73,8 +73,7 @@ def estimate_payload(chain: Chain, covariance: FloatArray, new: NewSamples,
     coefficients = posterior @ (regressor @ new.residual(chain))
     to_step = np.hstack([payload_steps.T, np.eye(4 * n)])
     step_covariance = to_step @ posterior @ to_step.T
-    loaded = chain.moved(right_angles_kept(to_step @ coefficients, step_covariance, covariance))
-    return LoadedChain(loaded, step_covariance,
+    return LoadedChain(chain.moved(to_step @ coefficients), step_covariance,
                        _mass_and_centre(coefficients[:4], posterior[:4, :4], geometry.link))
 
 
