@@ -13,7 +13,7 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
 from gravity_comp_ros.errors import BagError, DataError
-from gravity_comp_ros.estimation.joint_gains import GainOptions
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.torque_facts import torque_facts, WholeArm
 from gravity_comp_ros.facts.fact import accepted_kinds, Fact, refused, unless_accepted
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -122,13 +122,13 @@ def _without_copies(reports: Sequence[ReadReport]) -> tuple[list[int], tuple[Rea
 
 def arm_facts(recording: Recording, arm: KnownArm | None = None,
               model: GravityModel | None = None,
-              limits: GainOptions = GainOptions()) -> list[Fact]:
+              min_ratio: float = OPTIONS.min_ratio) -> list[Fact]:
     """
     Return the facts on the order of the names, axes, gains, and the vertical; none of arrays.
 
     :param arm: axes and joint order; None for those of the model.
     :param model: see `torque_facts`.
-    :param limits: of gains.
+    :param min_ratio: of gains that are refused.
     """
     if not recording.reports:
         return []
@@ -138,7 +138,7 @@ def arm_facts(recording: Recording, arm: KnownArm | None = None,
         rotations = None if geometry is None else geometry.rotations
         by_name = geometry is None and arm.order.source in (NUMBERS, WORDS)
     facts = torque_facts(recording.samples, rotations, model, _whole_arm(recording), by_name,
-                         limits)
+                         min_ratio)
     accept = accepted_kinds(recording.reports[0].options.accept)
     return [unless_accepted(fact, accept) for fact in facts]
 

@@ -27,8 +27,8 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit, fit_again, FitResult
-from gravity_comp_ros.estimation.joint_gains import GainOptions, OF_UPDATE
 from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.refit import Refit, refit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import update, UpdateResult
@@ -75,13 +75,13 @@ class Diagnosed:
 
 def checked_facts(recording: Recording, arm: KnownArm | None = None,
                   model: GravityModel | None = None,
-                  limits: GainOptions = GainOptions()) -> tuple[Fact, ...]:
+                  min_ratio: float = OPTIONS.min_ratio) -> tuple[Fact, ...]:
     """
     Return `arm_facts`.
 
     :raises DataError: if one is refused.
     """
-    facts = arm_facts(recording, arm, model, limits)
+    facts = arm_facts(recording, arm, model, min_ratio)
     check_facts(facts)
     return tuple(facts)
 
@@ -271,7 +271,7 @@ def update_model(model: GravityModel, recording: Recording,
     """
     recording = recording.select_joints(model.joints)
     try:
-        checked_facts(recording, model=model, limits=OF_UPDATE)
+        checked_facts(recording, model=model, min_ratio=OPTIONS.min_error)
     except DataError as problem:
         raise DataError(f'{problem}. A payload changes no axis, no gain and no vertical') from None
     gravity = _gravity_alone(model, recording)

@@ -7,11 +7,11 @@ recording: warm-up and zeroed sensors change them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
-from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.arm_solver import (
     ArmSolver, ArmState, cost_of, Unknowns)
@@ -26,25 +26,6 @@ _SAMPLES, _ROWS, _STARTS = 20000, 400, 12
 _NONE = np.zeros(0, dtype=np.int64)
 
 
-@dataclass(frozen=True)
-class ArmFitOptions:
-    """
-    Limits of another hypothesis about an arm.
-
-    - `max_time`: correlation time of white residuals, in rows of some tenths of a second; that of
-      a wrong hypothesis is that of the motion.
-    - `min_gain`: log evidence in nats, over the autocorrelation time.
-
-    :raises OptionError: if a value is not positive.
-    """
-
-    max_time: float = 10.0
-    min_gain: float = 10.0
-
-    def __post_init__(self) -> None:
-        check_positive(self, 'arm fit')
-
-
 class ArmFit:
     """
     Fits of axes, moments, gains and tilts of the base, to compare hypotheses about an arm.
@@ -53,9 +34,8 @@ class ArmFit:
     :param rotations: of described axes (`Geometry`); None for unknown axes.
     """
 
-    def __init__(self, samples: JointSamples, rotations: FloatArray | None = None,
-                 options: ArmFitOptions = ArmFitOptions()) -> None:
-        self.options, self.rotations = options, rotations
+    def __init__(self, samples: JointSamples, rotations: FloatArray | None = None) -> None:
+        self.rotations = rotations
         self.regression = Problem.of(samples.select(evenly_picked(samples.n_samples, _SAMPLES)))
         self.poses, nuisance = generic_poses(self.regression, _ROWS)
         self.problem = arm_problem(self.poses, nuisance)
@@ -116,12 +96,12 @@ class ArmFit:
 
     def is_white(self, state: ArmState) -> bool:
         """Return whether the residuals are those of an arm: they do not follow the motion."""
-        return self.time(state) <= self.options.max_time
+        return self.time(state) <= OPTIONS.max_time
 
     def is_better(self, state: ArmState, other: ArmState) -> bool:
         """Return whether a state is white, and clearly more probable than another one."""
         gain = (other.cost - state.cost) / self.time(state)
-        return self.is_white(state) and gain >= self.options.min_gain
+        return self.is_white(state) and gain >= OPTIONS.min_gain
 
     def coloured(self, state: ArmState) -> float:
         """Return the largest residual beyond white noise, as a share of the largest effort."""

@@ -15,7 +15,7 @@ import pickle
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError
-from gravity_comp_ros.estimation.change_options import CHANGE
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -161,7 +161,7 @@ def _check_misfit(residual: FloatArray, noise: FloatArray, joints: tuple[str, ..
     """Raise ModelMismatchError if a residual (M, N) in N·m is large against its noise (N,)."""
     rms = np.sqrt((residual ** 2).mean(axis=0))
     worst = int(np.argmax(rms / noise))
-    if rms[worst] > CHANGE.max_misfit * noise[worst]:
+    if rms[worst] > OPTIONS.max_misfit * noise[worst]:
         raise ModelMismatchError(
             f'the known axes do not reproduce the model: the torque of joint {joints[worst]} '
             f'differs by {rms[worst]:.2g} N·m within the trained range. `gravity_comp check` '

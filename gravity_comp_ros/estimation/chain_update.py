@@ -22,7 +22,7 @@ from itertools import product
 
 from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.estimation.change_options import CHANGE
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import is_outlier
@@ -122,8 +122,8 @@ def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples, box: Flo
         payload changes them in proportion to its mass, except those that depend on its centre.
     """
     if not trials:
-        trials = (*_most_probable(_trials(chain, covariance), new, CHANGE.trials),
-                  *_most_probable(_reset_trials(chain, covariance), new, CHANGE.resets))
+        trials = (*_most_probable(_trials(chain, covariance), new, OPTIONS.trials),
+                  *_most_probable(_reset_trials(chain, covariance), new, OPTIONS.resets))
     along = None
     if path is not None and np.abs(path).max() > 0.0:
         along = np.concatenate([np.zeros(2 * chain.n_joints), path / np.abs(path).max()])[None]
@@ -159,7 +159,7 @@ def _probable(hypotheses: list[_Hypothesis]) -> list[_Hypothesis]:
     """Return the hypotheses whose evidence is a minimum share of the largest."""
     best = max(each.log_evidence for each in hypotheses)
     return [each for each in hypotheses
-            if each.log_evidence > best + np.log(CHANGE.probable)]
+            if each.log_evidence > best + np.log(OPTIONS.probable)]
 
 
 def _spread(chain: Chain, q: FloatArray, torques: FloatArray,
@@ -182,9 +182,9 @@ def _trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     """Return the chain as it is, and with its unidentified axes along every frame axis."""
     n = chain.n_joints
     axes, moments = _std(covariance)
-    is_unidentified = ((axes.min(axis=1) > CHANGE.unidentified)
-                       & (np.abs(chain.moments) <= CHANGE.significant * moments).all(axis=1))
-    unidentified = [j for j in range(1, n) if is_unidentified[j]][-CHANGE.axes:]
+    is_unidentified = ((axes.min(axis=1) > OPTIONS.unidentified)
+                       & (np.abs(chain.moments) <= OPTIONS.significant * moments).all(axis=1))
+    unidentified = [j for j in range(1, n) if is_unidentified[j]][-OPTIONS.axes:]
     return [Trial(chain, covariance), *_along_frame_axes(chain, covariance, unidentified)]
 
 
@@ -197,8 +197,8 @@ def _reset_trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     """
     n = chain.n_joints
     std = _std(covariance)[0].max(axis=1)
-    uncertain = [j for j in range(max(n - CHANGE.axes, 1), n)
-                 if std[j] > CHANGE.uncertain]
+    uncertain = [j for j in range(max(n - OPTIONS.axes, 1), n)
+                 if std[j] > OPTIONS.uncertain]
     reset = list(range(uncertain[0], n)) if uncertain else []
     moment_std = float(np.abs(chain.moments[reset]).max(initial=0.0))
     if moment_std == 0.0:
@@ -209,7 +209,7 @@ def _reset_trials(chain: Chain, covariance: FloatArray) -> list[Trial]:
     numbers = [2 * n + 2 * j + k for j in reset for k in range(2)]
     prior[numbers], prior[:, numbers] = 0.0, 0.0
     prior[numbers, numbers] = moment_std ** 2
-    return _along_frame_axes(Chain(chain.axes, moments), prior, reset, CHANGE.reset)
+    return _along_frame_axes(Chain(chain.axes, moments), prior, reset, OPTIONS.reset)
 
 
 def _std(covariance: FloatArray) -> FloatArray:
@@ -248,7 +248,7 @@ class _Hypothesis:
         # A moment acts with its full size in some pose: its prior std is the change of torques.
         self.size = new.max_residual(chain)
         change = None
-        for _ in range(CHANGE.rounds):
+        for _ in range(OPTIONS.rounds):
             problem = self._problem()
             change = find_change(problem, change)
             if self._move(change.mean, problem):
@@ -274,7 +274,7 @@ class _Hypothesis:
         change = average_change(problem, self.change)
         self._move(change.mean, problem)
         moved = self.moved
-        if float(self.residual @ self.residual) > float(residual @ residual) + CHANGE.max_loss:
+        if float(self.residual @ self.residual) > float(residual @ residual) + OPTIONS.max_loss:
             moved = most_probable
         return ChainChange(moved, change.covariance, change)
 
@@ -295,13 +295,13 @@ class _Hypothesis:
         """
         n = self.moved.n_joints
         start, move = self.step, target - self.step
-        limit = float(self.residual @ self.residual) + CHANGE.max_loss
-        share = min(1.0, CHANGE.max_rotation / max(float(np.abs(move[:2 * n]).max()), 1e-300))
-        for halvings in range(CHANGE.rounds):
+        limit = float(self.residual @ self.residual) + OPTIONS.max_loss
+        share = min(1.0, OPTIONS.max_rotation / max(float(np.abs(move[:2 * n]).max()), 1e-300))
+        for halvings in range(OPTIONS.rounds):
             self.step = start + 0.5 ** halvings * share * move
             self.moved = self.trial.chain.moved(self.step)
             self.residual = self.new.residual(self.moved)
             if float(self.residual @ self.residual) <= limit:
                 break
         return share == 1.0 and halvings == 0 and bool(
-            np.abs(move @ problem.columns).max() < CHANGE.converged)
+            np.abs(move @ problem.columns).max() < OPTIONS.converged)

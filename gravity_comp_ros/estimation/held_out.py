@@ -15,29 +15,12 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import installed, torque_on
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
-from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import model_of
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 import numpy as np
-
-
-@dataclass(frozen=True)
-class HeldOutOptions:
-    """
-    Options of held-out errors.
-
-    `min_rows` is the smallest number of rows of 0.1 s: with fewer, a fifth of them has too few
-    to judge an effect.
-
-    :raises OptionError: if a value is out of range.
-    """
-
-    min_rows: int = 60
-
-    def __post_init__(self) -> None:
-        if self.min_rows < 1:
-            raise OptionError(f'held-out errors: min_rows is {self.min_rows}; it is at least 1')
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +48,7 @@ class HeldOutTorques:
         return np.asarray(np.sqrt((self.residual(predicted) ** 2).mean(axis=0)))
 
 
-def held_out_torques(estimate: Estimate,
-                     options: HeldOutOptions = HeldOutOptions()) -> HeldOutTorques:
+def held_out_torques(estimate: Estimate) -> HeldOutTorques:
     """
     Return the parts of the torque of every sample, from the model of the other folds.
 
@@ -75,7 +57,7 @@ def held_out_torques(estimate: Estimate,
     regression = estimate.regression
     problem = regression.problem
     samples, rows = problem.measured, problem.rows
-    if rows.n_rows < options.min_rows:
+    if rows.n_rows < OPTIONS.min_rows:
         raise DataError(f'{len(problem.used)} samples are too few to evaluate effects; record at '
                         f'least a minute')
     fold = rows.fold[problem.row_of]

@@ -13,11 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.constants import HALF_95
-from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.effects.offset import TorqueGain
 from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
 from gravity_comp_ros.estimation.arm_fit import ArmFit
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.arm_solver import cost_of
@@ -27,43 +27,6 @@ import numpy as np
 
 # Samples whose friction is compared with that of an earlier model.
 _SAMPLES = 4000
-
-
-@dataclass(frozen=True)
-class GainOptions:
-    """
-    Limits of gains that disagree.
-
-    - `min_ratio`: smaller differences are the effect `torque_gain`; other units and ratings differ
-      by more.
-    - `min_error`: gain of a joint like a payload of a tenth of the arm. It is named where others
-      are refused, and refused in an update, which has no effect for it (`OF_UPDATE`).
-    - `sigmas`: standard deviations by which the logarithm of a gain differs from 0.
-    - `max_residual`: share of a joint's effort (without friction) that an arm with these gains
-      may leave, and `max_reference` of the joint with the largest effort; more is another effect.
-    - `friction`: standard deviation of the logarithm of a joint's friction and inertia between two
-      recordings, by temperature and load.
-    - `min_coloured`: residual of equal gains beyond its white noise, as a share of the largest
-      effort, that gains far from 1 leave at least; a ratio of 1.5 leaves 0.07. With less, they
-      are not searched from other starts.
-    - `starts`: drawn gains at the start of the search, whose logarithms have the standard
-      deviation `spread`.
-
-    :raises OptionError: if a value is not positive.
-    """
-
-    min_ratio: float = 1.5
-    min_error: float = 1.1
-    sigmas: float = 4.0
-    max_residual: float = 0.3
-    max_reference: float = 0.1
-    friction: float = 0.15
-    min_coloured: float = 0.02
-    starts: int = 3
-    spread: float = 1.2
-
-    def __post_init__(self) -> None:
-        check_positive(self, 'gains')
 
 
 @dataclass(frozen=True)
@@ -84,42 +47,45 @@ class JointGains:
     established: bool
     by_friction: frozenset[int] = frozenset()
 
-    def relative_to(self, model: GravityModel, samples: JointSamples,
-                    options: GainOptions = GainOptions()) -> JointGains:
+    def relative_to(self, model: GravityModel, samples: JointSamples) -> JointGains:
         """
         Return the gains relative to the joint whose effort is most like that of an earlier model.
 
         Joints without an identified gain have that of their friction and inertia in the model.
         """
-        known = (self.std < np.log(options.min_ratio)) & (self.residual < options.max_residual)
+        known = (self.std < np.log(OPTIONS.min_ratio)) & (self.residual < OPTIONS.max_residual)
         change, rest = friction_gains(model, samples)
-        agrees = known & (rest < options.max_residual)
+        agrees = known & (rest < OPTIONS.max_residual)
         best = int(np.argmin(np.where(agrees, np.abs(change), np.inf))
                    ) if agrees.any() else self.reference
         own = self.log - _log_gains(model)
-        std = np.where(known, np.hypot(self.std, self.std[best]), options.friction)
+        std = np.where(known, np.hypot(self.std, self.std[best]), OPTIONS.friction)
         std[best] = 0.0
         return replace(self, reference=best, std=std,
                        log=np.where(known, own - own[best], change - change[best]),
                        residual=np.where(known, self.residual, rest),
                        by_friction=frozenset(np.flatnonzero(~known).tolist()))
 
-    def facts(self, options: GainOptions = GainOptions()) -> list[Fact]:
-        """Return the fact that gains disagree, if they do."""
+    def facts(self, min_ratio: float = OPTIONS.min_ratio) -> list[Fact]:
+        """
+        Return the fact that gains disagree, if they do.
+
+        :param min_ratio: of gains that are refused.
+        """
         if not self.established:
             return []
-        clear = ((np.abs(self.log) > options.sigmas * self.std)
-                 & (self.residual < options.max_residual))
+        clear = ((np.abs(self.log) > OPTIONS.sigmas * self.std)
+                 & (self.residual < OPTIONS.max_residual))
         refused, named = (np.flatnonzero(clear & (np.abs(self.log) > np.log(ratio)))
-                          for ratio in (options.min_ratio, options.min_error))
+                          for ratio in (min_ratio, OPTIONS.min_error))
         joints = [int(n) for n in named]
         if (not set(refused) - self.by_friction
-                or self.residual[self.reference] > options.max_reference):
+                or self.residual[self.reference] > OPTIONS.max_reference):
             return []
         ratios = {self.names[n]: float(np.exp(self.log[n])) for n in joints}
         scales = ','.join(f'{name}={1.0 / ratio:.3g}' for name, ratio in ratios.items())
         agree = [name for n, name in enumerate(self.names) if n != self.reference
-                 and n not in joints and options.sigmas * self.std[n] < np.log(options.min_ratio)]
+                 and n not in joints and OPTIONS.sigmas * self.std[n] < np.log(min_ratio)]
         also = f'; {", ".join(agree)} agree{"s" * (len(agree) == 1)}' if agree else ''
         unit = self.names[self.reference]
         parts = [self._ratio(n, f' the gain of {unit}' * (n == joints[0])) for n in joints]
@@ -135,9 +101,6 @@ class JointGains:
         how = ', by its friction and inertia' if n in self.by_friction else ''
         return (f'{self.names[n]} has {ratio:.3g} times{of_what} '
                 f'(95 %: {low:.3g} to {high:.3g}{how})')
-
-
-OF_UPDATE = GainOptions(min_ratio=GainOptions.min_error)
 
 
 def _log_gains(model: GravityModel) -> FloatArray:
@@ -171,16 +134,15 @@ def friction_gains(model: GravityModel, samples: JointSamples) -> tuple[FloatArr
     return np.log(np.maximum(slope, 1e-9)), rest
 
 
-def common_gain(model: GravityModel, samples: JointSamples,
-                options: GainOptions = GainOptions()) -> list[Fact]:
+def common_gain(model: GravityModel, samples: JointSamples) -> list[Fact]:
     """Return the fact that the efforts of all joints have one other gain than in a model."""
     change, rest = friction_gains(model, samples)
-    explained = rest < options.max_residual
+    explained = rest < OPTIONS.max_residual
     if 2 * explained.sum() < max(len(change), 3):
         return []
     common = float(np.median(change[explained]))
-    if (abs(common) < np.log(options.min_ratio)
-            or np.abs(change[explained] - common).max() > np.log(options.min_ratio)):
+    if (abs(common) < np.log(OPTIONS.min_ratio)
+            or np.abs(change[explained] - common).max() > np.log(OPTIONS.min_ratio)):
         return []
     ratio = float(np.exp(common))
     names = [name for name, one in zip(samples.names, explained) if one]
@@ -192,7 +154,7 @@ def common_gain(model: GravityModel, samples: JointSamples,
         f'--accept {Kind.EFFORT_GAIN.value} keeps them', dict.fromkeys(names, ratio))]
 
 
-def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains:
+def joint_gains(fit: ArmFit) -> JointGains:
     """Return the gains of a recording."""
     n = fit.q.shape[1]
     reference = int(np.argmax(fit.size))
@@ -208,10 +170,10 @@ def joint_gains(fit: ArmFit, options: GainOptions = GainOptions()) -> JointGains
     best = min(fits, key=cost_of)
     # Few starts lead to the arm, whose residual is white. The first one has equal efforts of all
     # joints, the second one those of a reference with larger efforts.
-    starts = [np.log(fit.size[free] / fit.size[reference]), np.full(len(free), -options.spread),
-              *rng.normal(0.0, options.spread, (options.starts, len(free)))]
+    starts = [np.log(fit.size[free] / fit.size[reference]), np.full(len(free), -OPTIONS.spread),
+              *rng.normal(0.0, OPTIONS.spread, (OPTIONS.starts, len(free)))]
     for seed, start in enumerate(starts):
-        if fit.is_white(best) or fit.coloured(equal) < options.min_coloured:
+        if fit.is_white(best) or fit.coloured(equal) < OPTIONS.min_coloured:
             break
         log = np.zeros(n)
         log[free] = start

@@ -5,37 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 
-from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.arm_fit import ArmFit
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.models.kinematic.arm_solver import ArmState
 import numpy as np
-
-
-@dataclass(frozen=True)
-class MovedBaseOptions:
-    """
-    Limits of a base that tilts.
-
-    - `min_tilt`, rad: a smaller tilt may be a soft floor, with little torque.
-    - `linear`, rad: the effect `base_tilt` is linear in the tilt, and describes a smaller one.
-    - `min_gain`: log evidence in nats, over the autocorrelation time, for each of the four numbers
-      of a tilt.
-    - `max_tilts`: a base that tilts more often is not searched for.
-    - `places`: number of times at which a tilt is tried first.
-
-    :raises OptionError: if a value is not positive.
-    """
-
-    min_tilt: float = 0.05
-    linear: float = 0.1
-    min_gain: float = 3.0
-    max_tilts: int = 3
-    places: int = 12
-
-    def __post_init__(self) -> None:
-        check_positive(self, 'moved base')
 
 
 @dataclass(frozen=True)
@@ -60,20 +35,20 @@ class MovedBase:
     The vertical of a recording.
 
     `white` are the residuals of a base that tilts, `evidence` in nats is that of such a base, less
-    `min_gain` for each number of the tilts.
+    `tilt_gain` for each number of the tilts.
     """
 
     tilts: tuple[Tilt, ...]
     white: bool
     evidence: float
 
-    def facts(self, options: MovedBaseOptions = MovedBaseOptions()) -> list[Fact]:
+    def facts(self) -> list[Fact]:
         """Return the fact that the vertical changes, if it does."""
-        tilts = [tilt for tilt in self.tilts if tilt.angle >= options.min_tilt]
+        tilts = [tilt for tilt in self.tilts if tilt.angle >= OPTIONS.min_tilt]
         if self.evidence < 0.0 or not self.white or not tilts:
             return []
         evidence = f'the vertical changes {" and ".join(map(str, tilts))}'
-        if max(tilt.angle for tilt in tilts) < options.linear:
+        if max(tilt.angle for tilt in tilts) < OPTIONS.linear_tilt:
             return [Fact(Kind.MOVED_BASE, (), evidence, Action.NOTED,
                          'the base tilted, as the effect base_tilt describes')]
         return [Fact(
@@ -83,17 +58,17 @@ class MovedBase:
             f'{Kind.MOVED_BASE.value} learns from all of it')]
 
 
-def moved_base(fit: ArmFit, options: MovedBaseOptions = MovedBaseOptions()) -> MovedBase | None:
+def moved_base(fit: ArmFit) -> MovedBase | None:
     """Return the vertical of a recording, None where a base at rest explains it."""
     plain = fit.plain
     if fit.is_white(plain):
         return None
     state, ramps, evidence = plain, np.zeros((0, 2)), 0.0
-    for _ in range(options.max_tilts):
+    for _ in range(OPTIONS.max_tilts):
         before = evidence
-        state, ramps = _one_more(fit, state, ramps, options)
+        state, ramps = _one_more(fit, state, ramps)
         evidence = ((plain.cost - state.cost) / fit.time(state)
-                    - 4.0 * options.min_gain * len(ramps))
+                    - 4.0 * OPTIONS.tilt_gain * len(ramps))
         # The first of two opposite tilts has no evidence of its own.
         if fit.is_white(state) or evidence < before and len(ramps) > 1:
             break
@@ -108,23 +83,23 @@ def moved_base(fit: ArmFit, options: MovedBaseOptions = MovedBaseOptions()) -> M
                      fit.is_white(state), evidence)
 
 
-def _one_more(fit: ArmFit, state: ArmState, ramps: FloatArray, options: MovedBaseOptions
+def _one_more(fit: ArmFit, state: ArmState, ramps: FloatArray
               ) -> tuple[ArmState, FloatArray]:
     """Return the best fit with another tilt, and the rows (K, 2) where tilts begin and end."""
     rows, tilts = len(fit.q), np.vstack([state.base_tilts, np.zeros((1, 2))])
     # The longer part before or after the tilt has one vertical.
     halves = [fit.start(rows=slice(rows // 2)), fit.start(rows=slice(rows // 2, None))] \
         if not len(ramps) else [state.chain.axes] * 2
-    width = rows / (options.places + 1)
+    width = rows / (OPTIONS.places + 1)
     best, at = None, ramps
-    for place in width * np.arange(1, options.places + 1):
+    for place in width * np.arange(1, OPTIONS.places + 1):
         tried = np.vstack([ramps, [place, place]])
         near = fit.run(halves[int(place < rows / 2)], shares=_shares(tried, rows),
                        base_tilts=tilts)
         if best is None or near.cost < best.cost:
             best, at = near, tried
     assert best is not None
-    if state.cost - best.cost < options.min_gain * fit.time(best):
+    if state.cost - best.cost < OPTIONS.tilt_gain * fit.time(best):
         return best, at
     while width > 1.0:
         width /= 2.0

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.chain_update import NewSamples
-from gravity_comp_ros.estimation.change_options import CHANGE
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -62,7 +62,7 @@ def estimate_payload(chain: Chain, covariance: FloatArray, new: NewSamples,
     payload_steps = np.hstack([np.zeros((4, 2 * n)), geometry.tool_moments()])
     columns = new.columns(chain)
     regressor = np.concatenate([payload_steps @ columns, columns])
-    payload_std = np.array([1.0, *3 * [CHANGE.distance]]) * CHANGE.mass
+    payload_std = np.array([1.0, *3 * [OPTIONS.distance]]) * OPTIONS.mass
     prior = np.zeros((4 + 4 * n, 4 + 4 * n))
     prior[:4, :4] = np.diag(payload_std ** 2)
     prior[4:, 4:] = covariance
@@ -81,7 +81,7 @@ def _mass_and_centre(mean: FloatArray, covariance: FloatArray, link: str) -> Pay
     """Return mass and centre with 95 % intervals from the posterior of [m, m c]."""
     value, sigma = float(mean[0]), float(np.sqrt(covariance[0, 0]))
     mass = Quantity(value, 'kg', (value - HALF_95 * sigma, value + HALF_95 * sigma))
-    if abs(value) < CHANGE.significant * sigma:
+    if abs(value) < OPTIONS.significant * sigma:
         return PayloadEstimate(link, mass, None)
     draws = np.random.default_rng(0).multivariate_normal(mean, covariance, _DRAWS)
     low, high = np.percentile(draws[:, 1:] / draws[:, :1], [2.5, 97.5], axis=0)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.estimation.change_options import CHANGE
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.least_squares import lstsq
@@ -29,7 +29,7 @@ def payload_path(before: GravityModel, after: GravityModel) -> Expansion | None:
     if before.energy is None or after.energy is None:
         return before.payload_path
     change = _difference(before.energy, after.energy)
-    minimum = CHANGE.min_path * float(before.noise_with_nuisance.max())
+    minimum = OPTIONS.min_path * float(before.noise_with_nuisance.max())
     if before.payload_path is not None:
         minimum = max(minimum, _rms_torque(before.payload_path, before))
     return change if _rms_torque(change, before) > minimum else before.payload_path

@@ -21,24 +21,13 @@ from gravity_comp_ros.estimation.estimated_model import (
     alternatives_of, gain_of_dynamics, has_dynamics, is_absorbed, model_of, target_of)
 from gravity_comp_ros.estimation.fit import excited, keys_of
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.regression.gains import p_of
 import numpy as np
 
 
 _PRESENT = 'it is in the model already'
-
-
-@dataclass(frozen=True)
-class RefitOptions:
-    """
-    When a result is refused.
-
-    `max_increase` is the largest share by which an added effect may increase a joint's held-out
-    error.
-    """
-
-    max_increase: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -112,8 +101,7 @@ class Refit:
 
 
 def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request],
-          options: RefitOptions = RefitOptions(), use: BoolArray | None = None,
-          progress: Progress | None = None) -> Refit:
+          use: BoolArray | None = None, progress: Progress | None = None) -> Refit:
     """
     Return the model with the wanted effects; gravity is estimated jointly with them.
 
@@ -149,7 +137,7 @@ def refit(samples: JointSamples, model: GravityModel, effects: Sequence[Request]
         before = held_out_torques(earlier).residual(_predicted(earlier, old))
     errors = _errors(torques, before, after, model.joints)
     if new:
-        _check_not_worse(errors, options)
+        _check_not_worse(errors)
     fitted = model_of(estimated, (*old, *new))
     provenance = dict(model.provenance)
     gain, evidence = _gain(estimated, new)
@@ -198,10 +186,10 @@ def _errors(torques: HeldOutTorques, before: FloatArray, after: FloatArray,
             for n, name in enumerate(joints)}
 
 
-def _check_not_worse(errors: Mapping[str, HeldOut], options: RefitOptions) -> None:
+def _check_not_worse(errors: Mapping[str, HeldOut]) -> None:
     worst = max(errors, key=lambda name: errors[name].after / max(errors[name].before, 1e-12))
     error = errors[worst]
-    if error.after > (1.0 + options.max_increase) * error.before:
+    if error.after > (1.0 + OPTIONS.max_increase) * error.before:
         raise FitError(f'these effects increase the held-out error of joint {worst} from '
                        f'{error.before:.3g} to {error.after:.3g} N·m. Nothing is changed; add '
                        f'fewer effects, or record more motion')

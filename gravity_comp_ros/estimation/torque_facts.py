@@ -13,8 +13,9 @@ from dataclasses import replace
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
 from gravity_comp_ros.estimation.axis_directions import axis_facts
-from gravity_comp_ros.estimation.joint_gains import common_gain, GainOptions, joint_gains
+from gravity_comp_ros.estimation.joint_gains import common_gain, joint_gains
 from gravity_comp_ros.estimation.moved_base import moved_base
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.models.gravity_model import GravityModel
 
@@ -26,7 +27,7 @@ _WRIST = 3
 
 def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,
                  model: GravityModel | None = None, whole: WholeArm = lambda: None,
-                 by_name: bool = False, limits: GainOptions = GainOptions()) -> list[Fact]:
+                 by_name: bool = False, min_ratio: float = OPTIONS.min_ratio) -> list[Fact]:
     """
     Return the facts that names are exchanged, axes reversed, gains differ, or the base moved.
 
@@ -37,7 +38,7 @@ def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,
     :param whole: reads all joints, called if the vertical changes: the samples may be of a part
         of an arm, on a link that other joints tilt.
     :param by_name: whether the order of the joints is that of their names.
-    :param limits: of gains that disagree.
+    :param min_ratio: of gains that are refused.
     """
     if model is not None and rotations is None:
         samples = samples.joints(model.joints)
@@ -55,7 +56,7 @@ def torque_facts(samples: JointSamples, rotations: FloatArray | None = None,
 
     def gain_facts(fit: ArmFit, part: JointSamples) -> list[Fact]:
         gains = joint_gains(fit)
-        return (gains if model is None else gains.relative_to(model, part)).facts(limits)
+        return (gains if model is None else gains.relative_to(model, part)).facts(min_ratio)
 
     facts = gain_facts(fit, samples)
     if facts:

@@ -22,7 +22,7 @@ from gravity_comp_ros.errors import FitError, ModelMismatchError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_of_model import as_chain, on_axes
 from gravity_comp_ros.estimation.chain_update import NewSamples
-from gravity_comp_ros.estimation.change_options import CHANGE
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails
@@ -61,9 +61,9 @@ def update(model: GravityModel, samples: JointSamples,
     :raises FitError: if there are too few samples.
     """
     samples = samples.joints(model.joints)
-    if samples.n_samples < CHANGE.min_samples:
+    if samples.n_samples < OPTIONS.min_samples:
         raise FitError(f'{samples.n_samples} slow samples since the payload changed; an update '
-                       f'needs {CHANGE.min_samples}. Keep the arm moving slowly')
+                       f'needs {OPTIONS.min_samples}. Keep the arm moving slowly')
     if geometry is not None:
         return _with_payload(model, samples, geometry)
     chain = as_chain(model)
@@ -109,7 +109,7 @@ def _update(model: GravityModel, measured: JointSamples, geometry: Geometry | No
         new = _new_samples(model, samples, sigma, reversal)
     step = first = changed_model(model, new, geometry)
     sigma = _noise(step.model, samples, new)
-    if not np.allclose(sigma, new.sigma, rtol=CHANGE.noise):
+    if not np.allclose(sigma, new.sigma, rtol=OPTIONS.noise):
         step = changed_model(model, replace(new, sigma=sigma), geometry, step.trials)
     # Errors are those of the model's own prediction; friction that it excludes counts as error.
     rmse = np.sqrt(((measured.tau - step.model.predict(measured.q)) ** 2).mean(axis=0))
@@ -164,14 +164,14 @@ def reversal_std(model: GravityModel, samples: JointSamples) -> FloatArray:
     Return the standard deviation (M, N) in N·m of friction near reversals.
 
     The speed over which friction reverses depends on load and lubrication. In samples other than
-    those of the fit it is uncertain by a factor (`ChangeOptions`).
+    those of the fit it is uncertain by a factor (`EstimationOptions`).
     """
     def torque(factor: float) -> FloatArray:
         return torque_of(model, (replace(effect, setting={
             **effect.setting, **{name: factor * value for name, value in law.items()}})
             for effect in (*model.applied.effects, *model.fitted.effects)
             if (law := law_of(effect.setting))), samples)
-    return np.asarray(0.5 * np.abs(torque(CHANGE.reversal) - torque(1.0 / CHANGE.reversal)))
+    return np.asarray(0.5 * np.abs(torque(OPTIONS.reversal) - torque(1.0 / OPTIONS.reversal)))
 
 
 def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples
@@ -179,8 +179,8 @@ def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples
     """Return the noise std (N,) of each joint, from training and the new residual together."""
     residual = new.sigma * new.in_noise((new.tau - fitted.predict(new.q)).T).T
     squares = noise.inflation(residual, samples.runs) * (residual ** 2).sum(axis=0)
-    return np.asarray(np.sqrt((CHANGE.old_noise * new.sigma ** 2 + squares)
-                              / (CHANGE.old_noise + new.robust_weights.sum(axis=0))))
+    return np.asarray(np.sqrt((OPTIONS.old_noise * new.sigma ** 2 + squares)
+                              / (OPTIONS.old_noise + new.robust_weights.sum(axis=0))))
 
 
 def _coverage(model: GravityModel, samples: JointSamples) -> Coverage:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.chain_update import NewSamples, Trial, update_chain
-from gravity_comp_ros.estimation.change_options import CHANGE
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.payload_estimate import estimate_payload, PayloadEstimate
 from gravity_comp_ros.estimation.payload_path import path_moments
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -56,7 +56,7 @@ def _payload_step(model: GravityModel, new: NewSamples, geometry: Geometry,
     loaded = estimate_payload(model.chain, model.covariance, new, geometry)
     misfit, free_misfit = (float((each := new.residual(chain)) @ each)
                            for chain in (loaded.chain, free.model.chain))
-    if misfit - free_misfit > CHANGE.free:
+    if misfit - free_misfit > OPTIONS.free:
         return replace(free, payload=loaded.payload, misfit=misfit)
     changed = (loaded.chain.moments - model.chain.moments).ravel()
     return UpdateStep(_with_chain(model, loaded.chain, loaded.covariance),

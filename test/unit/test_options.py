@@ -9,7 +9,6 @@ from bench.cases.signals import Pause, SensorOptions
 from gravity_comp_ros.calibration.known_weight import CalibrationOptions, Weight
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.change_options import ChangeOptions
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.sparse.admm import AdmmOptions
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
@@ -54,7 +53,6 @@ def test_constants_are_positive(options, value):
     (SparseOptions, {'lam': NAN}, 'lambda'),
     (FitOptions, {'formulation': 'magic'},
      "unknown formulation 'magic'; choose from auto, per_joint"),
-    (ChangeOptions, {'old_noise': 0.0}, 'change'), (ChangeOptions, {'old_noise': NAN}, 'change'),
     (GateOptions, {'max_speed': 0.0}, 'max_speed'), (GateOptions, {'max_speed': NAN}, 'max_speed'),
     (GateOptions, {'max_speed': ()}, 'max_speed'), (GateOptions, {'rate_hz': -1.0}, 'rate_hz'),
     *((PlanOptions, wrong, 'plan: ') for wrong in (

@@ -11,9 +11,9 @@ from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.estimation.joint_gains import (
-    common_gain, joint_gains, OF_UPDATE)
+from gravity_comp_ros.estimation.joint_gains import common_gain, joint_gains
 from gravity_comp_ros.estimation.moved_base import moved_base
+from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.torque_facts import torque_facts
 from gravity_comp_ros.facts.fact import Action, Kind
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
@@ -306,11 +306,12 @@ def test_a_gain_that_no_payload_explains_is_refused_by_update_alone():
     gains = np.ones(6)
     gains[2] = 1.3
     model, samples = fit(recorded()).model, recorded(gains, arm=HEAVY, seed=1)
-    (fact,) = torque_facts(samples, None, model, limits=OF_UPDATE)
+    (fact,) = torque_facts(samples, None, model, min_ratio=OPTIONS.min_error)
     assert fact.values == {ARM.joints[2]: pytest.approx(1.3, rel=0.02)}
     # `diagnose` has an effect for it.
     assert torque_facts(samples, None, model) == []
-    assert torque_facts(recorded(arm=HEAVY, seed=1), None, model, limits=OF_UPDATE) == []
+    assert torque_facts(recorded(arm=HEAVY, seed=1), None, model,
+                        min_ratio=OPTIONS.min_error) == []
     # A gain that the earlier model has is no change.
     same = fit(recorded(gains)).model
-    assert torque_facts(samples, None, same, limits=OF_UPDATE) == []
+    assert torque_facts(samples, None, same, min_ratio=OPTIONS.min_error) == []

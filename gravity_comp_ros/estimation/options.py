@@ -1,4 +1,4 @@
-"""Constants of an update, with their units and reasons."""
+"""Constants of estimates, updates and the facts on the efforts, with their units and reasons."""
 
 from __future__ import annotations
 
@@ -8,9 +8,49 @@ from gravity_comp_ros.data.option_checks import check_positive
 
 
 @dataclass(frozen=True)
-class ChangeOptions:
+class EstimationOptions:
     """
-    Constants of the change of a model by new samples.
+    Constants of estimates.
+
+    Held-out errors:
+
+    - `min_rows`: smallest number of rows of 0.1 s. With fewer, a fifth of them has too few to
+      judge an effect.
+    - `max_increase`: largest share by which an added effect may increase a joint's held-out error.
+
+    Another hypothesis about an arm (`ArmFit`):
+
+    - `max_time`: correlation time of white residuals, in rows of some tenths of a second; that of
+      a wrong hypothesis is that of the motion.
+    - `min_gain`: log evidence in nats, over the autocorrelation time.
+
+    Gains that disagree:
+
+    - `min_ratio`: smaller differences are the effect `torque_gain`; other units and ratings differ
+      by more.
+    - `min_error`: gain of a joint like a payload of a tenth of the arm. It is named where others
+      are refused, and refused in an update, which has no effect for it.
+    - `sigmas`: standard deviations by which the logarithm of a gain differs from 0.
+    - `max_residual`: share of a joint's effort (without friction) that an arm with these gains
+      may leave, and `max_reference` of the joint with the largest effort; more is another effect.
+    - `friction`: standard deviation of the logarithm of a joint's friction and inertia between two
+      recordings, by temperature and load.
+    - `min_coloured`: residual of equal gains beyond its white noise, as a share of the largest
+      effort, that gains far from 1 leave at least; a ratio of 1.5 leaves 0.07. With less, they
+      are not searched from other starts.
+    - `starts`: drawn gains at the start of the search, whose logarithms have the standard
+      deviation `spread`.
+
+    A base that tilts:
+
+    - `min_tilt`, rad: a smaller tilt may be a soft floor, with little torque.
+    - `linear_tilt`, rad: the effect `base_tilt` is linear in the tilt and describes a smaller one.
+    - `tilt_gain`: log evidence in nats, over the autocorrelation time, for each of the four
+      numbers of a tilt.
+    - `max_tilts`: a base that tilts more often is not searched for.
+    - `places`: number of times at which a tilt is tried first.
+
+    Change of a model by new samples:
 
     - `min_samples`: of an update.
     - `old_noise`: effective sample size of the old model's noise when it is averaged with that of
@@ -54,6 +94,24 @@ class ChangeOptions:
     :raises OptionError: if a value is not positive.
     """
 
+    min_rows: int = 60
+    max_increase: float = 0.05
+    max_time: float = 10.0
+    min_gain: float = 10.0
+    min_ratio: float = 1.5
+    min_error: float = 1.1
+    sigmas: float = 4.0
+    max_residual: float = 0.3
+    max_reference: float = 0.1
+    friction: float = 0.15
+    min_coloured: float = 0.02
+    starts: int = 3
+    spread: float = 1.2
+    min_tilt: float = 0.05
+    linear_tilt: float = 0.1
+    tilt_gain: float = 3.0
+    max_tilts: int = 3
+    places: int = 12
     min_samples: int = 10
     old_noise: float = 50.0
     mass: float = 30.0
@@ -77,7 +135,7 @@ class ChangeOptions:
     noise: float = 0.15
 
     def __post_init__(self) -> None:
-        check_positive(self, 'change of a model')
+        check_positive(self, 'estimation')
 
 
-CHANGE = ChangeOptions()
+OPTIONS = EstimationOptions()
