@@ -1,11 +1,11 @@
-"""Hold-out of samples from a fit, and folds for cross-validation, for errors on unseen data."""
+"""Hold-out of samples from a fit, for errors on unseen data."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import BoolArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import IntArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 import numpy as np
 from numpy.typing import NDArray
@@ -80,23 +80,3 @@ def _parts(samples: JointSamples, fraction: float) -> tuple[Block, ...]:
 
 def _ends(t: NDArray[np.float64]) -> tuple[float, float]:
     return float(t[0]), float(t[-1])
-
-
-N_FOLDS = 5
-
-
-def folds(runs: IntArray) -> list[BoolArray]:
-    """
-    Return masks (M,) of test samples that together cover all samples once.
-
-    Samples are autocorrelated, so a held-out sample must not be next to fitted ones: a fold is
-    one or more whole runs if there are at least three, otherwise one of `N_FOLDS` contiguous
-    blocks.
-    """
-    present = np.unique(runs)
-    if len(present) >= 3:
-        groups = np.array_split(present, min(N_FOLDS, len(present)))
-        return [np.isin(runs, group) for group in groups]
-    block = np.repeat(np.arange(N_FOLDS), [
-        len(part) for part in np.array_split(runs, N_FOLDS)])
-    return [block == number for number in range(N_FOLDS)]

@@ -269,11 +269,11 @@ class _Work:
     def _support(self, formulation: str, torque: FloatArray
                  ) -> tuple[Shared, tuple[SparseFit, ...]]:
         """Return the columns that ADMM selects from a gravity torque (R, N)."""
-        rows = samples_of_rows(self.problem, torque)
+        rows, fold = samples_of_rows(self.problem, torque), self.problem.rows.fold
         if formulation == 'potential':
-            energy, fits = fit_potential(rows, self.options.sparse)
+            energy, fits = fit_potential(rows, fold, self.options.sparse)
             return Energy(energy), tuple(fits)
-        torques, fits = fit_per_joint(rows, self.options.sparse)
+        torques, fits = fit_per_joint(rows, fold, self.options.sparse)
         return Torques(torques), tuple(fits)
 
     def regress(self, shared: Shared) -> Regression:

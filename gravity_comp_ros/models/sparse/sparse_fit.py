@@ -12,17 +12,16 @@ itself.
 The variance inflation factor is selected on held-out data. A white residual requires no inflation.
 An autocorrelated residual (friction, hysteresis, drift) is overfitted by the growing support, with
 large errors on the next run. So factors up to twice the residual's correlation time are tried on
-held-out runs, or on contiguous blocks if there are too few runs. The largest factor whose error is
-within one standard error of the lowest is selected, which yields the smallest support of that
-accuracy.
+held-out runs, or on blocks of ten seconds if there are too few runs. The largest factor whose
+error is within one standard error of the lowest is selected, which yields the smallest support of
+that accuracy.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.holdout import folds
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.sparse.identifiability import usable_for_energy, usable_for_torque
@@ -37,31 +36,33 @@ _MAX_ROWS = 1500
 _FACTORS = (1.0, 3.0, 10.0, 30.0, 100.0)
 
 
-def fit_potential(samples: JointSamples, options: SparseOptions
+def fit_potential(samples: JointSamples, fold: IntArray, options: SparseOptions
                   ) -> tuple[Expansion, list[SparseFit]]:
     """
     Fit one sparse potential energy to the torques of all joints.
 
+    :param fold: numbers (M,) of the samples that are held out together.
     :return: the energy in J, and its sparse fit.
     :raises FitError: if there are no samples.
     """
     problem = SparseProblem(EnergyDesign, samples.q, samples.tau,
-                            samples.runs, usable_for_energy(samples.q))
+                            samples.runs, fold, usable_for_energy(samples.q))
     fit = fit_sparse(problem, options)
     return Expansion(fit.indices, fit.x), [fit]
 
 
-def fit_per_joint(samples: JointSamples, options: SparseOptions
+def fit_per_joint(samples: JointSamples, fold: IntArray, options: SparseOptions
                   ) -> tuple[tuple[Expansion, ...], list[SparseFit]]:
     """
     Fit each joint's torque separately.
 
+    :param fold: numbers (M,) of the samples that are held out together.
     :return: one expansion per joint in N·m, and their sparse fits.
     :raises FitError: if there are no samples.
     """
     usable = usable_for_torque(samples.q)
     fits = [fit_sparse(SparseProblem(TorqueDesign, samples.q, samples.tau[:, [joint]],
-                                     samples.runs, usable), options)
+                                     samples.runs, fold, usable), options)
             for joint in range(samples.n_joints)]
     return tuple(Expansion(fit.indices, fit.x) for fit in fits), fits
 
@@ -103,8 +104,8 @@ def choose_inflation(problem: SparseProblem, grown: SupportFit,
     if time < noise.WHITE or len(tried) < 2:
         return Choice(1.0, time, (1.0,), ())
     scale = np.sqrt((residual ** 2).mean(axis=0)) + noise.floor(problem.tau)
-    errors = np.array([_held_out(problem, test, tried, options, scale)
-                       for test in folds(problem.runs)])
+    errors = np.array([_held_out(problem, problem.fold == k, tried, options, scale)
+                       for k in np.unique(problem.fold)])
     mean = errors.mean(axis=0)
     best = int(np.argmin(mean))
     excess = errors - errors[:, [best]]

@@ -59,13 +59,15 @@ class SparseProblem:
     Torques `tau` (M, J) of poses `q` (M, N), with the type of design to explain them.
 
     J is 1 for the features of one joint and N for those of one energy. `usable` masks the 3^N
-    features that may be selected; `runs` (M,) numbers the run of each sample.
+    features that may be selected; `runs` (M,) numbers the run of each sample, `fold` (M,) those
+    that are held out together.
     """
 
     design_type: DesignType
     q: FloatArray
     tau: FloatArray
     runs: IntArray
+    fold: IntArray
     usable: BoolArray
 
     @property
@@ -94,7 +96,8 @@ class SparseProblem:
 
     def select(self, keep: BoolArray) -> SparseProblem:
         """Return the problem of some of the samples."""
-        return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep])
+        return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep],
+                       fold=self.fold[keep])
 
 
 @dataclass(frozen=True, eq=False)

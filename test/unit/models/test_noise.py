@@ -1,6 +1,5 @@
 """Noise: absolute and relative standard deviation, and the correlation time."""
 
-from gravity_comp_ros.data.holdout import folds
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import sparse_fit
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
@@ -133,22 +132,6 @@ def test_correlation_time_is_at_least_one(values):
     assert 1.0 <= noise.correlation_time(residual, np.zeros(len(values), dtype=int)) < np.inf
 
 
-@given(counts=st.lists(st.integers(1, 9), min_size=1, max_size=8))
-def test_every_sample_is_tested_once_and_runs_stay_whole(counts):
-    runs = np.repeat(np.arange(len(counts)), counts)
-    masks = folds(runs)
-    np.testing.assert_array_equal(np.sum(masks, axis=0), np.ones(len(runs)))
-    if len(counts) >= 3:
-        assert len(masks) == min(5, len(counts))
-        assert all(not set(runs[mask]) & set(runs[~mask]) for mask in masks)
-
-
-def test_blocks_of_time_are_held_out_of_a_single_run():
-    masks = folds(np.zeros(20, dtype=int))
-    assert [np.flatnonzero(mask).tolist() for mask in masks] == [
-        list(range(k, k + 4)) for k in range(0, 20, 4)]
-
-
 def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, SupportFit]:
     """Return a problem with an autoregressive residual and an empty support."""
     rng, phi = np.random.default_rng(0), (time - 1) / (time + 1)
@@ -157,7 +140,8 @@ def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, SupportFi
         residual[k] += phi * residual[k - 1]
     tau = residual[:, None]
     problem = SparseProblem(TorqueDesign, rng.uniform(-1, 1, (count, 1)), tau,
-                            np.zeros(count, dtype=int), np.ones(3, dtype=bool))
+                            np.zeros(count, dtype=int), np.arange(count) * 5 // count,
+                            np.ones(3, dtype=bool))
     return problem, SupportFit(Refit.empty(), noise.first_guess(tau), np.zeros_like(tau), 1)
 
 
