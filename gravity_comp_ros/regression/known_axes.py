@@ -11,7 +11,6 @@ angle of the description by their evidence (the ratio of Savage and Dickey).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.poses import random_poses
@@ -100,7 +99,7 @@ class KnownAxes(Shared):
     @property
     def chain(self) -> Chain:
         """Return gravity as a chain on these axes."""
-        moments = _moments_of(self.geometry) @ self.values
+        moments = self.geometry.moments()[:, kept_parameters(self.geometry)] @ self.values
         return Chain(self.geometry.rotations, moments.reshape(-1, 2))
 
     @property
@@ -129,9 +128,9 @@ class KnownAxes(Shared):
         Of the base parameters, sums of the parameters of links, the moments are wide. The others
         follow them as in the normal distribution of the parameters about the nominal arm.
         """
-        k, basis, moments = self.n_angles, self.basis, _moments_of(self.described)
+        k, basis = self.n_angles, self.basis
         factor = basis.grouped * self._inertia_std(scale)
-        own = moments @ factor
+        own = self.described.moments()[:, kept_parameters(self.described)] @ factor
         following = factor @ np.linalg.pinv(own, rcond=_INDEPENDENT)
         factors = np.hstack([factor - following @ own,
                              self.priors.moment * scale.largest * following])
@@ -215,19 +214,6 @@ class KnownAxes(Shared):
         turned = np.where(is_exact, 0.0, self.turned)
         return replace(self, geometry=_turned(self.described, turned), turned=turned,
                        is_exact=is_exact)
-
-
-@lru_cache(maxsize=16)
-def _moments_of(geometry: Geometry) -> FloatArray:
-    """
-    Return the chain's moments per base parameter, (2N, K).
-
-    Those without gravity torque, of joint 1 on a level base, are 0.
-    """
-    n, q = geometry.n_joints, random_poses(geometry.n_joints)
-    still = described_columns(geometry, q, 0.0 * q, 0.0 * q)
-    chain = ForwardKinematics(geometry.rotations, q).moment_columns()
-    return _lstsq(chain.transpose(2, 1, 0).reshape(-1, 2 * n), still.reshape(len(q) * n, -1))
 
 
 def _turned(geometry: Geometry, angles: FloatArray) -> Geometry:

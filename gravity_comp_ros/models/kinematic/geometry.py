@@ -90,21 +90,34 @@ class Geometry:
     def n_joints(self) -> int:
         return len(self.joints)
 
+    def moments(self) -> FloatArray:
+        """
+        Return the chain's moments (2 N, 10 N) per unit of the parameters of links in frames i.
+
+        In N·m per kg and per kg m. Each link carries those beyond at the end of its own length; a
+        moment along an axis acts as a moment of the link before (`chain`). Moments about vertical
+        axes, the first ones, have no gravity torque and are 0.
+        """
+        n = self.n_joints
+        moments = np.zeros((n, 10, n, 3))
+        for k in range(n):
+            moments[k, 0, :k] = self.origins[1:k + 1]
+            moments[k, 1:4, k] = np.eye(3)
+        for i in range(n - 1, 0, -1):
+            moments[:, :, i - 1] += moments[:, :, i, 2:] * self.rotations[i][:, 2]
+        moments[:, :, np.abs(np.cumprod(self.rotations[:, 2, 2])) > 1.0 - _PARALLEL] = 0.0
+        return STANDARD_GRAVITY * moments[..., :2].reshape(10 * n, 2 * n).T
+
     def tool_moments(self) -> FloatArray:
         """
         Return the chain's moments (4, 2N) per unit of a payload's parameters.
 
         One row for its mass, in N·m/kg, and one for each component of its first moment in the
-        coordinates of `link`, in N·m/(kg m). Each link carries the payload at the end of its own
-        length; a moment along an axis acts as a moment of the link before (`chain`).
+        coordinates of `link`, in N·m/(kg m), as in `moments`.
         """
-        n = self.n_joints
-        moments = np.zeros((4, n, 3))
-        moments[0, :-1] = self.origins[1:]
-        moments[1:, -1] = self.link_rotation.T
-        for i in range(n - 1, 0, -1):
-            moments[:, i - 1] += moments[:, i, 2:] * self.rotations[i][:, 2]
-        return STANDARD_GRAVITY * moments[:, :, :2].reshape(4, 2 * n)
+        moments = self.moments().T[-10:-6]
+        moments[1:] = self.link_rotation.T @ moments[1:]
+        return moments
 
 
 # Two axes are parallel up to this difference (1 minus the cosine).

@@ -9,12 +9,13 @@ negative, and the point masses are added to them.
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
-from gravity_comp_ros.models.least_squares import lstsq, non_negative
+from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS
+from gravity_comp_ros.models.least_squares import non_negative
 import numpy as np
 
 # Distance of the masses from a link's centre line, as a share of the mean length of the link and
@@ -25,8 +26,6 @@ _MIN_LENGTH = 0.05
 # Regularisation: weight of 1 kg, more or less than described, against a moment error of the size
 # of the largest moment. It distributes undetermined masses evenly.
 _REGULARISATION = 0.03
-# A moment is without gravity torque if 1 kg anywhere changes it by less than this, in m.
-_NO_TORQUE = 1e-6
 
 
 def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
@@ -65,7 +64,7 @@ def _nearest(geometry: Geometry, moments: FloatArray, weights: FloatArray | None
         _of_points(places, link, geometry.n_joints)
         for link, places in enumerate(_points(geometry)))])
     expected = np.concatenate([masses, np.zeros(len(parameters) - len(masses))])
-    per_mass = _moments_of(geometry, parameters)
+    per_mass = geometry.moments() @ parameters.T / STANDARD_GRAVITY
     weights = np.eye(len(per_mass)) if weights is None else weights
     target = weights @ moments.ravel()
     size = max(float(np.abs(target).max()), 1e-9)
@@ -74,7 +73,7 @@ def _nearest(geometry: Geometry, moments: FloatArray, weights: FloatArray | None
     masses = non_negative(a, b)
     missing = moments - (per_mass @ masses).reshape(-1, 2)
     # Moments about a vertical axis have no gravity torque and are not identifiable.
-    missing[np.abs(per_mass).max(axis=1).reshape(-1, 2) < _NO_TORQUE] = 0.0
+    missing[~per_mass.any(axis=1).reshape(-1, 2)] = 0.0
     return parameters, masses, missing
 
 
@@ -109,14 +108,3 @@ def _of_points(places: FloatArray, link: int, n: int) -> FloatArray:
     parameters = np.zeros((len(places), len(PARAMETERS) * n))
     parameters[:, len(PARAMETERS) * link:len(PARAMETERS) * (link + 1)] = own
     return parameters
-
-
-def _moments_of(geometry: Geometry, parameters: FloatArray) -> FloatArray:
-    """Return the first moments (2 N, P) in kg·m of parameters (P, 10 N), from their gravity."""
-    n = geometry.n_joints
-    q = random_poses(n)
-    zero = np.zeros_like(q)
-    torque = regressor(geometry, q, zero, zero, 1.0) @ parameters.T
-    columns = ForwardKinematics(geometry.rotations, q).moment_columns()
-    flat = columns.transpose(2, 1, 0).reshape(-1, 2 * n)
-    return np.asarray(lstsq(flat, torque.reshape(len(flat), -1), rcond=1e-9))
