@@ -20,7 +20,7 @@ from bench.solver.solvers import (
     eq17, factors, long_arm, OTHERS, OURS, Problem, random_poses, relative_gap, Solver)
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
-from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions, SparseProblem
+from gravity_comp_ros.models.sparse.sparse_problem import SparseProblem
 import numpy as np
 
 # Required relative duality gap.
@@ -80,7 +80,7 @@ def growth(n_joints: int) -> tuple[object, ...]:
         started = time.perf_counter()
         OURS.solve(problem, factors(problem), 0.0)
         between = time.perf_counter()
-        fit_sparse(sparse, SparseOptions())
+        fit_sparse(sparse)
         times.append((between - started, time.perf_counter() - between))
     return (n_joints, 3 ** n_joints,
             *(f'{1e3 * median(column):.0f} ms' for column in zip(*times)))

@@ -18,7 +18,6 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.lasso import LassoProblem
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
-from gravity_comp_ros.models.sparse.sparse_problem import follow_path
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
@@ -109,7 +108,7 @@ class Solver:
 
 def ours(problem: Problem, design: TorqueDesign, tolerance: float) -> Answer:
     lasso = LassoProblem(design, problem.b, np.ones(design.n_columns, dtype=bool))
-    solution = follow_path(lasso, problem.lam)
+    solution = lasso.solve(problem.lam)
     if not solution.certificate.gap <= 1e-6:
         raise RuntimeError(f'gap {solution.certificate.gap}')
     x = np.zeros(design.n_columns)

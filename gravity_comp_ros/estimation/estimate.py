@@ -10,7 +10,7 @@ a chain. `auto` compares the potential with a chain whose residual is neither wh
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -24,7 +24,7 @@ from gravity_comp_ros.models.gravity_model import FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_fit import fit_per_joint, fit_potential
-from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions
+from gravity_comp_ros.models.sparse.sparse_problem import SparseFit
 from gravity_comp_ros.regression.common_settings import common_of, with_common
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.engine import regress, Regression
@@ -50,7 +50,7 @@ Progress = Callable[[str, float], None]
 @dataclass(frozen=True)
 class FitOptions:
     """
-    Options of a fit: the `formulation`, and how its sparse problems are solved.
+    Options of a fit: the `formulation`, and how it is chosen.
 
     `auto` accepts a chain whose residual is white or small; otherwise it fits the potential too,
     and the held-out error decides. With a `geometry` the axes of the chain are known; the samples'
@@ -64,7 +64,6 @@ class FitOptions:
     """
 
     formulation: str = 'auto'
-    sparse: SparseOptions = SparseOptions()
     geometry: Geometry | None = field(default=None, compare=False)
     engine: EngineOptions = EngineOptions()
     white: float = 2.0
@@ -92,8 +91,7 @@ class FitOptions:
 
     def to_json(self) -> dict[str, Any]:
         """Return the options for a model's provenance."""
-        return {'formulation': self.formulation, 'sparse': asdict(self.sparse),
-                'known_axes': self.geometry is not None}
+        return {'formulation': self.formulation, 'known_axes': self.geometry is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,9 +269,9 @@ class _Work:
         """Return the columns that ADMM selects from a gravity torque (R, N)."""
         rows, fold = samples_of_rows(self.problem, torque), self.problem.rows.fold
         if formulation == 'potential':
-            energy, fits = fit_potential(rows, fold, self.options.sparse)
+            energy, fits = fit_potential(rows, fold)
             return Energy(energy), tuple(fits)
-        torques, fits = fit_per_joint(rows, fold, self.options.sparse)
+        torques, fits = fit_per_joint(rows, fold)
         return Torques(torques), tuple(fits)
 
     def regress(self, shared: Shared) -> Regression:

@@ -11,7 +11,6 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.sparse.admm import AdmmOptions
-from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.planning import PlanOptions
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.table import TableOptions
@@ -49,8 +48,6 @@ def test_constants_are_positive(options, value):
     *((AdmmOptions, {name: value}, name.split('_')[0]) for name, values in {
         'max_iterations': [0], 'polish_every': [0], 'tolerance': [0.0, 1.0, NAN],
         'over_relaxation': [0.9, 2.0], 'rho': [0.0, -1.0, INF, NAN]}.items() for value in values),
-    (SparseOptions, {'lam': 0.0}, 'lambda'), (SparseOptions, {'lam': INF}, 'lambda'),
-    (SparseOptions, {'lam': NAN}, 'lambda'),
     (FitOptions, {'formulation': 'magic'},
      "unknown formulation 'magic'; choose from auto, per_joint"),
     (GateOptions, {'max_speed': 0.0}, 'max_speed'), (GateOptions, {'max_speed': NAN}, 'max_speed'),

@@ -12,7 +12,7 @@ the solver.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.sparse import admm
@@ -77,7 +77,7 @@ class LassoSolution:
 @dataclass(eq=False)
 class LassoProblem:
     """
-    An L1 problem; solutions for a falling lambda share the working set and its Gram matrix.
+    An L1 problem; its solutions share the working set and its Gram matrix.
 
     :param design: A, weighted rows.
     :param b: right-hand side (R,), with the same weights.
@@ -109,34 +109,29 @@ class LassoProblem:
 
     def solve(self, lam: float) -> LassoSolution:
         """Return the solution for `lam` > 0, started from the previous one."""
-        return self._solution(lam, *self._run(lam, self.options))
+        return self._solution(lam, *self._run(lam))
 
-    def approach(self, lam: float, tolerance: float) -> None:
-        """Move to a coarse solution for `lam`, an intermediate step of a path."""
-        self._run(lam, replace(self.options, tolerance=tolerance))
-
-    def _run(self, lam: float, options: admm.AdmmOptions
-             ) -> tuple[admm.AdmmResult, int, int]:
+    def _run(self, lam: float) -> tuple[admm.AdmmResult, int, int]:
         """Solve on the working set and enlarge it until no column violates the conditions."""
         iterations, rounds = 0, 0
         # The residual of the previous lambda determines the first violators.
-        self._take_violators(lam, options.tolerance)
+        self._take_violators(lam)
         while True:
             rounds += 1
             inner = admm.solve(self._gram, self._c[self._set], np.full(len(self._set), lam),
-                               self._state, options)
+                               self._state, self.options)
             self._state = inner.state
             iterations += inner.iterations
             self._correlation = self._residual_correlation(inner.state.z)
             if (not inner.converged or rounds == _MAX_ROUNDS
-                    or not self._take_violators(lam, options.tolerance)):
+                    or not self._take_violators(lam)):
                 return inner, iterations, rounds
 
-    def _take_violators(self, lam: float, tolerance: float) -> bool:
+    def _take_violators(self, lam: float) -> bool:
         """Enlarge the working set by the worst violators; return whether there were any."""
         excess = np.abs(self._correlation) - lam
         excess[self._set] = -np.inf
-        violators = np.flatnonzero(excess > tolerance * lam)
+        violators = np.flatnonzero(excess > self.options.tolerance * lam)
         worst = violators[np.argsort(-excess[violators], kind='stable')[:self._batch]]
         if worst.size:
             self._enlarge(worst, self._correlation[worst])

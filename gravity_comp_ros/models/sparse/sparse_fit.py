@@ -27,16 +27,14 @@ from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.sparse.identifiability import usable_for_energy, usable_for_torque
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_problem import (
-    finish, grow, prune, SparseFit, SparseOptions, SparseProblem, SupportFit, with_all_samples)
+    finish, grow, prune, SparseFit, SparseProblem, SupportFit)
 import numpy as np
 
-# Number of evenly spread rows that select a support; more take longer and are as accurate.
-_MAX_ROWS = 1500
 # Variance inflation factors that are tried.
 _FACTORS = (1.0, 3.0, 10.0, 30.0, 100.0)
 
 
-def fit_potential(samples: JointSamples, fold: IntArray, options: SparseOptions
+def fit_potential(samples: JointSamples, fold: IntArray
                   ) -> tuple[Expansion, list[SparseFit]]:
     """
     Fit one sparse potential energy to the torques of all joints.
@@ -47,11 +45,11 @@ def fit_potential(samples: JointSamples, fold: IntArray, options: SparseOptions
     """
     problem = SparseProblem(EnergyDesign, samples.q, samples.tau,
                             samples.runs, fold, usable_for_energy(samples.q))
-    fit = fit_sparse(problem, options)
+    fit = fit_sparse(problem)
     return Expansion(fit.indices, fit.x), [fit]
 
 
-def fit_per_joint(samples: JointSamples, fold: IntArray, options: SparseOptions
+def fit_per_joint(samples: JointSamples, fold: IntArray
                   ) -> tuple[tuple[Expansion, ...], list[SparseFit]]:
     """
     Fit each joint's torque separately.
@@ -62,27 +60,20 @@ def fit_per_joint(samples: JointSamples, fold: IntArray, options: SparseOptions
     """
     usable = usable_for_torque(samples.q)
     fits = [fit_sparse(SparseProblem(TorqueDesign, samples.q, samples.tau[:, [joint]],
-                                     samples.runs, fold, usable), options)
+                                     samples.runs, fold, usable))
             for joint in range(samples.n_joints)]
     return tuple(Expansion(fit.indices, fit.x) for fit in fits), fits
 
 
-def fit_sparse(problem: SparseProblem, options: SparseOptions) -> SparseFit:
+def fit_sparse(problem: SparseProblem) -> SparseFit:
     """
-    Return the sparse fit of `problem`: the support from thinned rows, coefficients from all.
+    Return the sparse fit of `problem`.
 
     :raises FitError: if there are no samples.
     """
-    few = problem.thinned(_MAX_ROWS)
-    grown = grow(few, options)
-    inflation = choose_inflation(few, grown, options).inflation
-    pruned = prune(few, grown, inflation)
-    if few is problem:
-        return finish(problem, pruned, inflation, options)
-    full = with_all_samples(problem, pruned)
-    # Samples closer in time are more strongly autocorrelated.
-    ratio = correlation_time(problem, full) / correlation_time(few, pruned)
-    return finish(problem, full, inflation * max(ratio, 1.0), options)
+    grown = grow(problem)
+    inflation = choose_inflation(problem, grown).inflation
+    return finish(problem, prune(problem, grown, inflation), inflation)
 
 
 @dataclass(frozen=True)
@@ -95,8 +86,7 @@ class Choice:
     errors: tuple[float, ...]
 
 
-def choose_inflation(problem: SparseProblem, grown: SupportFit,
-                     options: SparseOptions) -> Choice:
+def choose_inflation(problem: SparseProblem, grown: SupportFit) -> Choice:
     """Return the variance inflation factor for a grown support."""
     residual = grown.residual(problem)
     time = correlation_time(problem, grown)
@@ -104,7 +94,7 @@ def choose_inflation(problem: SparseProblem, grown: SupportFit,
     if time < noise.WHITE or len(tried) < 2:
         return Choice(1.0, time, (1.0,), ())
     scale = np.sqrt((residual ** 2).mean(axis=0)) + noise.floor(problem.tau)
-    errors = np.array([_held_out(problem, problem.fold == k, tried, options, scale)
+    errors = np.array([_held_out(problem, problem.fold == k, tried, scale)
                        for k in np.unique(problem.fold)])
     mean = errors.mean(axis=0)
     best = int(np.argmin(mean))
@@ -120,10 +110,10 @@ def correlation_time(problem: SparseProblem, fit: SupportFit) -> float:
 
 
 def _held_out(problem: SparseProblem, test: BoolArray, tried: list[float],
-              options: SparseOptions, scale: FloatArray) -> FloatArray:
+              scale: FloatArray) -> FloatArray:
     """Return the mean square error on the held-out mask `test`, for each factor."""
     train, held_out = problem.select(~test), problem.select(test)
-    fit = grow(train, options)
+    fit = grow(train)
     errors = []
     for inflation in tried:
         fit = prune(train, fit, inflation)

@@ -21,9 +21,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
-from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models import noise
-from gravity_comp_ros.models.sparse import admm, support
+from gravity_comp_ros.models.sparse import support
 from gravity_comp_ros.models.sparse.lasso import LassoProblem, LassoSolution
 from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
@@ -31,26 +31,6 @@ import numpy as np
 DesignType = Callable[[FloatArray, FloatArray], Design]
 
 _ROUNDS = 20
-# Number of lambdas of a path, and the tolerance of all but the last.
-_PATH_STEPS, _PATH_TOLERANCE = 3, 1e-2
-
-
-@dataclass(frozen=True)
-class SparseOptions:
-    """
-    Options of a sparse fit.
-
-    `lam` is lambda in units of the noise, or None for the universal sqrt(2 ln 3^N).
-
-    :raises OptionError: if a value is out of range.
-    """
-
-    lam: float | None = None
-    admm: admm.AdmmOptions = admm.AdmmOptions()
-
-    def __post_init__(self) -> None:
-        if self.lam is not None and not 0.0 < self.lam < np.inf:
-            raise OptionError(f'lambda is {self.lam}; it must be positive')
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +68,6 @@ class SparseProblem:
     def predict(self, indices: IntArray, x: FloatArray) -> FloatArray:
         """Return the torques (M, J) of a weight vector."""
         return (self.unweighted.columns(indices) @ x).reshape(self.tau.shape[1], -1).T
-
-    def thinned(self, limit: int) -> SparseProblem:
-        """Return at most `limit` samples, evenly spread."""
-        step = -(-len(self.q) // limit)
-        return self if step <= 1 else self.select(np.arange(len(self.q)) % step == 0)
 
     def select(self, keep: BoolArray) -> SparseProblem:
         """Return the problem of some of the samples."""
@@ -134,7 +109,7 @@ class SparseFit:
     n_equivalent: int
 
 
-def grow(problem: SparseProblem, options: SparseOptions) -> SupportFit:
+def grow(problem: SparseProblem) -> SupportFit:
     """
     Return the selected support, grown from nothing, as for independent samples.
 
@@ -145,7 +120,7 @@ def grow(problem: SparseProblem, options: SparseOptions) -> SupportFit:
     start = SupportFit(support.Refit.empty(), noise.first_guess(problem.tau),
                        np.zeros(problem.tau.shape), 0)
     design, b = problem.weighted(start.noise, start.predicted, 1.0)
-    proposal = propose(design, b, problem, options).indices
+    proposal = propose(design, b, problem).indices
     return _converged(problem, replace(start, refit=replace(start.refit, indices=proposal)), 1.0)
 
 
@@ -154,16 +129,10 @@ def prune(problem: SparseProblem, grown: SupportFit, inflation: float) -> Suppor
     return _converged(problem, grown, inflation) if inflation > 1.0 else grown
 
 
-def with_all_samples(problem: SparseProblem, fit: SupportFit) -> SupportFit:
-    """Return a fit on thinned samples with the predicted torques of all samples."""
-    return replace(fit, predicted=problem.predict(fit.refit.indices, fit.refit.x))
-
-
-def finish(problem: SparseProblem, fit: SupportFit, inflation: float,
-           options: SparseOptions) -> SparseFit:
+def finish(problem: SparseProblem, fit: SupportFit, inflation: float) -> SparseFit:
     """Solve the L1 problem at the final noise, keep the better support, add its equivalents."""
     design, b = problem.weighted(fit.noise, fit.predicted, inflation)
-    solution = propose(design, b, problem, options)
+    solution = propose(design, b, problem)
     gram = support.gram_of(design, problem.usable)
     finals = [support.select_support(design, b, start, problem.n_joints, problem.usable, gram)
               for start in (fit.refit.indices, solution.indices)]
@@ -175,20 +144,10 @@ def finish(problem: SparseProblem, fit: SupportFit, inflation: float,
     return SparseFit(indices, x, solution, inflation, fit.rounds, len(near))
 
 
-def propose(design: Design, b: FloatArray, problem: SparseProblem,
-            options: SparseOptions) -> LassoSolution:
-    """Solve the L1 problem by ADMM, along a falling lambda that ends at the required one."""
-    lam = options.lam or float(np.sqrt(2.0 * problem.n_joints * np.log(3.0)))
-    return follow_path(LassoProblem(design, b, problem.usable, options.admm), lam)
-
-
-def follow_path(lasso: LassoProblem, lam: float) -> LassoSolution:
-    """Return the solution for `lam`, reached along a falling lambda."""
-    top = 0.5 * lasso.lambda_max
-    path = np.geomspace(top, lam, _PATH_STEPS)[:-1] if top > lam else np.zeros(0)
-    for step in path:
-        lasso.approach(float(step), _PATH_TOLERANCE)
-    return lasso.solve(lam)
+def propose(design: Design, b: FloatArray, problem: SparseProblem) -> LassoSolution:
+    """Solve the L1 problem by ADMM for the universal lambda, sqrt(2 ln 3^N) noise levels."""
+    lam = float(np.sqrt(2.0 * problem.n_joints * np.log(3.0)))
+    return LassoProblem(design, b, problem.usable).solve(lam)
 
 
 def _converged(problem: SparseProblem, fit: SupportFit, inflation: float) -> SupportFit:

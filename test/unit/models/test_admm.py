@@ -231,17 +231,6 @@ def pendulum() -> tuple[TorqueDesign, np.ndarray]:
     return TorqueDesign(q, np.full((60, 1), 10.0)), 10 * (torque + 0.1 * rng.normal(size=60))
 
 
-def test_a_path_ends_at_the_solution_of_a_single_solve():
-    design, b = pendulum()
-    path, single = lasso(design, b), lasso(design, b)
-    for lam in np.geomspace(0.5 * path.lambda_max, 4.0, 8)[:-1]:
-        path.approach(float(lam), 1e-2)
-    warm, cold = path.solve(4.0), single.solve(4.0)
-    np.testing.assert_array_equal(warm.indices, cold.indices)
-    np.testing.assert_allclose(warm.x, cold.x, atol=1e-6)
-    np.testing.assert_allclose(path.solve(4.0).x, warm.x, atol=1e-9)
-
-
 def test_a_solution_that_violates_the_conditions_has_not_converged(monkeypatch):
     monkeypatch.setattr(lasso_problem, '_MAX_ROUNDS', 1)
     monkeypatch.setattr(lasso_problem, '_BATCH', 1)

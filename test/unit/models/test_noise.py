@@ -3,7 +3,7 @@
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import sparse_fit
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
-from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions, SparseProblem, SupportFit
+from gravity_comp_ros.models.sparse.sparse_problem import SparseProblem, SupportFit
 from gravity_comp_ros.models.sparse.support import Refit
 from hypothesis import given, strategies as st
 import numpy as np
@@ -155,7 +155,7 @@ def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, SupportFi
 def test_the_largest_within_a_standard_error_of_the_best(monkeypatch, errors, selected):
     remaining = [np.array(row, dtype=float) for row in errors]
     monkeypatch.setattr(sparse_fit, '_held_out', lambda *args: remaining.pop(0))
-    choice = sparse_fit.choose_inflation(*correlated(9.0), SparseOptions())
+    choice = sparse_fit.choose_inflation(*correlated(9.0))
     assert choice.tried == (1.0, 3.0, 10.0)
     assert choice.correlation_time == pytest.approx(9.0, rel=0.4)
     assert choice.inflation == selected
