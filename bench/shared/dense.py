@@ -1,9 +1,10 @@
 """Textbook references on small dense matrices for tests of the solvers."""
 
+from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
 
 
-class DenseDesign:
+class DenseDesign(Design):
     """A dense matrix (R, K) with the interface of a design."""
 
     def __init__(self, matrix: np.ndarray) -> None:
@@ -16,9 +17,7 @@ class DenseDesign:
     def correlate(self, r):
         return self.matrix.T @ r
 
-    def correlate_many(self, r):
-        return r.T @ self.matrix
-
+    @property
     def squared_norms(self):
         return (self.matrix ** 2).sum(axis=0)
 

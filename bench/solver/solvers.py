@@ -112,14 +112,14 @@ def ours(problem: Problem, design: TorqueDesign, tolerance: float) -> Answer:
     if not solution.certificate.gap <= 1e-6:
         raise RuntimeError(f'gap {solution.certificate.gap}')
     x = np.zeros(design.n_columns)
-    x[solution.indices] = solution.x * np.sqrt(design.squared_norms()[solution.indices])
+    x[solution.indices] = solution.x * np.sqrt(design.squared_norms[solution.indices])
     return x, solution.iterations
 
 
 def factors(problem: Problem) -> TorqueDesign:
     """Return the implicit matrix of our solver: its Kronecker factors and column lengths."""
     design = TorqueDesign(problem.q, problem.weights[:, None])
-    design.squared_norms()
+    _ = design.squared_norms
     return design
 
 

@@ -32,7 +32,7 @@ _NEGLIGIBLE = 1e-9
 
 def column_lengths(design: Design) -> FloatArray:
     """Return the length of every column of a design."""
-    return np.sqrt(np.maximum(design.squared_norms(), 0.0))
+    return np.sqrt(np.maximum(design.squared_norms, 0.0))
 
 
 def has_length(lengths: FloatArray) -> BoolArray:

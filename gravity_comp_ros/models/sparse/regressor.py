@@ -9,75 +9,68 @@ the noise, and with it the weights, are estimated again in every round of a fit.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import Protocol
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
 
-class Design(Protocol):
-    """Interface of a matrix with R rows and 3^N columns."""
-
-    n_rows: int
-    n_columns: int
-
-    def columns(self, indices: IntArray) -> FloatArray:
-        """Return selected columns, shape (R, K)."""
-
-    def correlate(self, r: FloatArray) -> FloatArray:
-        """Return A.T r for r (R,), over all columns."""
-
-    def correlate_many(self, r: FloatArray) -> FloatArray:
-        """Return r.T A for r (R, K), shape (K, 3^N)."""
-
-    def squared_norms(self) -> FloatArray:
-        """Return the squared length of every column."""
-
-    def reweighted(self, row_weights: FloatArray) -> Design:
-        """Return the design of the same poses with other weights of the rows."""
-
-
-class TorqueDesign:
+class Design(ABC):
     """
-    The features of one joint's torque: A = diag(w) F (Yu 2022, Eqs. 5-7).
+    A matrix with R rows and 3^N columns.
 
     :param q: joint positions (M, N), rad.
-    :param row_weights: w (M, 1), one over the standard deviation of the joint's noise.
+    :param row_weights: (M, J), one over the standard deviation of each of J torques: R = J M.
     """
 
     def __init__(self, q: FloatArray, row_weights: FloatArray,
                  halves: dictionary.Halves | None = None) -> None:
-        self.q = q
-        self.row_weights = row_weights[:, 0]
-        self.n_rows = q.shape[0]
+        self.q, self.row_weights = q, row_weights
+        self.n_rows = row_weights.size
         self.n_columns = dictionary.n_features(q.shape[1])
         self.halves = halves or dictionary.Halves(q)
 
-    def reweighted(self, row_weights: FloatArray) -> TorqueDesign:
-        return TorqueDesign(self.q, row_weights, self.halves)
-
+    @abstractmethod
     def columns(self, indices: IntArray) -> FloatArray:
-        return (self.halves.columns(indices) * self.row_weights).T
+        """Return selected columns, shape (R, K)."""
 
+    @abstractmethod
     def correlate(self, r: FloatArray) -> FloatArray:
-        return self.halves.correlate(self.row_weights * r)
-
-    def correlate_many(self, r: FloatArray) -> FloatArray:
-        return _stacked([self.correlate(one) for one in r.T], self.n_columns)
-
-    def squared_norms(self) -> FloatArray:
-        return self._squared_norms
+        """Return A.T r for r (R,), over all columns."""
 
     @cached_property
-    def _squared_norms(self) -> FloatArray:
-        return self.halves.correlate_squares(self.row_weights ** 2)
+    @abstractmethod
+    def squared_norms(self) -> FloatArray:
+        """The squared length of every column."""
+
+    def correlate_many(self, r: FloatArray) -> FloatArray:
+        """Return r.T A for r (R, K), shape (K, 3^N)."""
+        return np.array([self.correlate(one) for one in r.T]).reshape(-1, self.n_columns)
+
+    def reweighted(self, row_weights: FloatArray) -> Design:
+        """Return the design of the same poses with other weights of the rows."""
+        return type(self)(self.q, row_weights, self.halves)
 
 
-class EnergyDesign:
+class TorqueDesign(Design):
+    """The features of one joint's torque, J = 1: A = diag(w) F (Yu 2022, Eqs. 5-7)."""
+
+    def columns(self, indices: IntArray) -> FloatArray:
+        return (self.halves.columns(indices) * self.row_weights[:, 0]).T
+
+    def correlate(self, r: FloatArray) -> FloatArray:
+        return self.halves.correlate(self.row_weights[:, 0] * r)
+
+    @cached_property
+    def squared_norms(self) -> FloatArray:
+        return self.halves.correlate_squares(self.row_weights[:, 0] ** 2)
+
+
+class EnergyDesign(Design):
     """
-    The gradient of the features of one potential energy, for all joints together.
+    The gradient of the features of one potential energy, for all joints together, J = N.
 
     With U = sum_k theta_k phi_k(q) the torque of joint n is sum_k theta_k d phi_k / d q_n. Rows
     are the samples of joint 1, then those of joint 2, and so on: R = N M.
@@ -88,34 +81,19 @@ class EnergyDesign:
         A.T r = vec(L1.T R + L.T R1),    L1 = sum_n diag(r_n) dL/dq_n over the first half,
 
     and R1 likewise over the second: two products for any number of joints.
-
-    :param q: joint positions (M, N), rad.
-    :param row_weights: w (M, N), one over the standard deviation of each joint's noise.
     """
 
-    def __init__(self, q: FloatArray, row_weights: FloatArray,
-                 halves: dictionary.Halves | None = None) -> None:
-        self.q = q
-        self.row_weights = row_weights
-        self.n_joints = q.shape[1]
-        self.n_rows = q.size
-        self.n_columns = dictionary.n_features(self.n_joints)
-        self.halves = halves or dictionary.Halves(q)
-
-    def reweighted(self, row_weights: FloatArray) -> EnergyDesign:
-        return EnergyDesign(self.q, row_weights, self.halves)
-
     def columns(self, indices: IntArray) -> FloatArray:
-        columns = np.zeros((len(indices), self.n_joints, len(self.q)))
-        for n in range(self.n_joints):
-            features, signs = dictionary.derivative(indices, self.n_joints, n)
+        columns = np.zeros((len(indices), self.q.shape[1], len(self.q)))
+        for n in range(self.q.shape[1]):
+            features, signs = dictionary.derivative(indices, self.q.shape[1], n)
             present = np.flatnonzero(signs)
             columns[present, n] = (self.halves.columns(features[present])
                                    * (signs[present, None] * self.row_weights[:, n]))
         return columns.reshape(len(indices), self.n_rows).T
 
     def correlate(self, r: FloatArray) -> FloatArray:
-        halves, weighted = self.halves, r.reshape(self.n_joints, -1) * self.row_weights.T
+        halves, weighted = self.halves, r.reshape(self.q.shape[1], -1) * self.row_weights.T
         left, right, scratch = halves.scratch
         left[:] = 0.0
         right[:] = 0.0
@@ -129,18 +107,12 @@ class EnergyDesign:
             target[:, dictionary.COS] -= product
         return (left @ halves.right.T + halves.left @ right.T).ravel()
 
-    def correlate_many(self, r: FloatArray) -> FloatArray:
-        return _stacked([self.correlate(one) for one in r.T], self.n_columns)
-
-    def squared_norms(self) -> FloatArray:
-        return self._squared_norms
-
     @cached_property
-    def _squared_norms(self) -> FloatArray:
+    def squared_norms(self) -> FloatArray:
         halves, weights = self.halves, self.row_weights.T ** 2
         left, right = np.zeros_like(halves.left), np.zeros_like(halves.right)
         squares = halves.left ** 2, halves.right ** 2
-        for n in range(self.n_joints):
+        for n in range(self.q.shape[1]):
             target = _of_joint(left, right, halves.n_left, n)
             source = _of_joint(*squares, halves.n_left, n)
             target[:, dictionary.SIN] += source[:, dictionary.COS] * weights[n]
@@ -152,7 +124,3 @@ def _of_joint(left: FloatArray, right: FloatArray, n_left: int, joint: int) -> F
     """Return a view (before, 3, after, M) of a joint's half; axis 1 is the joint's factor."""
     half, place = (left, joint) if joint < n_left else (right, joint - n_left)
     return half.reshape(3 ** place, 3, -1, half.shape[1])
-
-
-def _stacked(rows: list[FloatArray], n_columns: int) -> FloatArray:
-    return np.array(rows) if rows else np.zeros((0, n_columns))

@@ -247,7 +247,7 @@ def test_the_working_set_stays_small():
     assert solution.converged and solution.working_set < 400
     assert {3 ** 5, 3 ** 5 + 2 * 3 ** 3} <= set(solution.indices)   # s2 and s2 c4
     correlation = design.correlate(b - design.columns(solution.indices) @ solution.x)
-    assert (np.abs(correlation) <= 4.0 * np.sqrt(design.squared_norms()) * (1 + 1e-6)).all()
+    assert (np.abs(correlation) <= 4.0 * np.sqrt(design.squared_norms) * (1 + 1e-6)).all()
 
 
 def test_unusable_columns_stay_zero():

@@ -91,7 +91,7 @@ def test_columns_products_and_lengths_agree(kind, n_joints):
     assert full.shape == (design.n_rows, design.n_columns)
     assert design.n_rows == weights.size
     np.testing.assert_allclose(design.correlate(r), full.T @ r, atol=1e-12)
-    np.testing.assert_allclose(design.squared_norms(), (full ** 2).sum(axis=0), atol=1e-12)
+    np.testing.assert_allclose(design.squared_norms, (full ** 2).sum(axis=0), atol=1e-12)
 
 
 @pytest.mark.parametrize('n_joints', [1, 2, 3, 4])

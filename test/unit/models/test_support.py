@@ -143,7 +143,7 @@ def test_no_profitable_feature_of_many_is_missed():
     selected = support.select_support(design, b, np.zeros(0, dtype=np.int64), 10, usable)
     assert set(true) <= set(selected.indices.tolist())
     residual = b - design.columns(selected.indices) @ selected.x
-    gain = design.correlate(residual) ** 2 / design.squared_norms() - support.costs(10, 400)
+    gain = design.correlate(residual) ** 2 / design.squared_norms - support.costs(10, 400)
     assert np.delete(gain, selected.indices).max() < 0.0
 
 
