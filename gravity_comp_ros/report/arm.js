@@ -12,9 +12,8 @@ const posed = (angles) => {
   let frame = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], place = [0, 0, 0]
   const joints = angles.map((q, i) => {
     place = add(place, times(frame, arm.origins[i]))
-    const before = product(frame, arm.rotations[i])
-    frame = product(before, about_z(q))
-    return {place, before, axis: frame.map(line => line[2])}
+    frame = product(product(frame, arm.rotations[i]), about_z(q))
+    return {place, axis: frame.map(line => line[2])}
   })
   return {joints, tool: add(place, joints[joints.length - 1].axis, 0.09 * arm.reach)}
 }
@@ -53,21 +52,11 @@ const rod = (from, to, radius, colour, alpha = 1, nearer = 0) => {
   items.push({a, b, colour, alpha, width: Math.max(radius * (a.pixels + b.pixels), 0.8),
               depth: 0.5 * (a.depth + b.depth) + nearer})
 }
-const [faint, outline, visited, unvisited, marked] = palette
-const capsule = (from, to, radius, colour, alpha = 1) => {
-  rod(from, to, radius + 0.004 * arm.reach, outline, alpha)
-  rod(from, to, radius, colour, alpha, 1e-6)
+const [faint, outline, visited, marked] = palette
+const capsule = (from, to, radius, colour) => {
+  rod(from, to, radius + 0.004 * arm.reach, outline)
+  rod(from, to, radius, colour, 1, 1e-6)
 }
-const body = (pose, colours, radius, alpha) => {
-  const places = [[0, 0, 0], ...pose.joints.map(joint => joint.place), pose.tool]
-  for (let i = 0; i + 1 < places.length; i++)
-    capsule(places[i], places[i + 1], radius, colours[i], alpha)
-  pose.joints.forEach(({place, axis}, i) => {
-    const half = (s) => add(place, axis, s * 1.5 * radius)
-    capsule(half(-1), half(1), 1.3 * radius, colours[i + 1], alpha)
-  })
-}
-
 for (let k = -4; k <= 4; k++) {
   const s = k * arm.reach / 4
   rod([s, -arm.reach, 0], [s, arm.reach, 0], 0, faint, 0.35, -9)
@@ -80,17 +69,13 @@ const shade = (error) => {
   const share = Math.min(Math.abs(error) / colours.high, 1)
   return colours.palette[Math.round(share * (colours.palette.length - 1))]
 }
-body(pose, [faint, ...errors.map(shade)], radius, 1)
-// The range of each joint as an arc about its axis, visited and unvisited parts.
-pose.joints.forEach(({place, before}, i) => {
-  const [low, high, q_min, q_max] = arm.ranges[i], steps = 40
-  const at = (q) => add(place, times(before, [Math.cos(q), Math.sin(q), 0]), 3 * radius)
-  for (let k = 0; k < steps; k++) {
-    const q = (s) => low + s * (high - low) / steps, middle = q(k + 0.5)
-    const inside = middle >= q_min && middle <= q_max
-    rod(at(q(k)), at(q(k + 1)), inside ? 0.006 * arm.reach : 0.003 * arm.reach,
-        inside ? visited : unvisited)
-  }
+const colours_of = [faint, ...errors.map(shade)]
+const places = [[0, 0, 0], ...pose.joints.map(joint => joint.place), pose.tool]
+for (let i = 0; i + 1 < places.length; i++)
+  capsule(places[i], places[i + 1], radius, colours_of[i])
+pose.joints.forEach(({place, axis}, i) => {
+  const half = (s) => add(place, axis, s * 1.5 * radius)
+  capsule(half(-1), half(1), 1.3 * radius, colours_of[i + 1])
 })
 // Tool positions of all samples, and of the selected samples in the colour of selections.
 const dots = (rows, colour, alpha) => {
@@ -104,9 +89,6 @@ const dots = (rows, colour, alpha) => {
 }
 dots([...t.keys()], visited, 0.5)
 dots(chosen, marked, 1)
-const ghost_pose = arm.unvisited[Number(ghost.value)]
-if (ghost_pose)
-  body(posed(ghost_pose), Array(ghost_pose.length + 1).fill(unvisited), 0.6 * radius, 0.55)
 
 items.sort((a, b) => a.depth - b.depth)
 drawn.data = {
@@ -117,7 +99,5 @@ drawn.data = {
   width: items.map(one => one.width)}
 const joint_text = (name, i) => `${name} ${angles[i].toFixed(2)} rad, ` +
   `residual ${errors[i].toFixed(3)} N·m`
-const ghost_text = ghost_pose ? `. Not yet visited: ${ghost_pose.map((q, i) =>
-  `${arm.names[i]} ${q.toFixed(2)}`).join(', ')} rad` : ''
 pose_text.text = `<p role="status">At ${t[now].toFixed(2)} s: ` +
-  `${arm.names.map(joint_text).join('; ')}${ghost_text}.</p>`
+  `${arm.names.map(joint_text).join('; ')}.</p>`

@@ -71,20 +71,6 @@ class ReportOptions:
 REPORT = ReportOptions()
 
 
-@dataclass(frozen=True, eq=False)
-class Arm:
-    """Joint axes and joint limits (N,) in rad, in the order of the axes."""
-
-    geometry: Geometry
-    low: FloatArray
-    high: FloatArray
-
-    @property
-    def reach(self) -> float:
-        """Return the length of the stretched arm in m."""
-        return max(float(np.linalg.norm(self.geometry.origins, axis=1).sum()), 1e-3)
-
-
 @dataclass(frozen=True)
 class Contents:
     """
@@ -112,7 +98,7 @@ class Contents:
     previous_name: str = ''
     displayed: tuple[str, ...] = ()
     next_command: str = ''
-    arm: Arm | None = None
+    arm: Geometry | None = None
 
     @property
     def joints(self) -> tuple[str, ...]:

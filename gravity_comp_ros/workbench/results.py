@@ -14,8 +14,9 @@ from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.report.contents import Arm, Contents
+from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.views.arm import find_arm
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.store import Stage
@@ -114,7 +115,7 @@ class Results:
         except GravityCompError:
             return {}
 
-    def _arm(self, joints: tuple[str, ...]) -> Arm | None:
+    def _arm(self, joints: tuple[str, ...]) -> Geometry | None:
         session = self.session
         try:
             return self._cached(lambda: find_arm(session.paths, joints, session.urdf), 'arm',
