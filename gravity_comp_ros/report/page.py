@@ -26,7 +26,7 @@ SECTIONS: dict[str, Maker] = {
     'Over time': residuals.time_section,
     'Arm': lambda contents, table, selector: arm.section(contents, table),
     'Residual': residuals.section,
-    'Pairs': pairs.section,
+    'Pairs': lambda contents, table, selector: pairs.section(contents, selector),
     'Spectrum': lambda contents, table, selector: spectrum.section(contents, selector),
     'Effects': lambda contents, table, selector: effects.section(contents, table),
     'Model': lambda contents, table, selector: model.section(contents, selector),

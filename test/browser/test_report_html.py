@@ -136,10 +136,10 @@ def test_the_report_in_a_browser(diagnosed, watched):
     with watched(diagnosed.as_uri()) as tab:
         page = tab.page
         tab.open(diagnosed.as_uri())
-        # Two plots over time, four residuals, two spectra and the weights of one joint; two heat
-        # maps; bars and more.
+        # Two plots over time, four residuals, two spectra and the weights of one joint; a heat
+        # map; bars and more.
         one = len(tab.plots())
-        assert 9 + 2 + 3 <= one <= 9 + 2 + 10
+        assert 9 + 1 + 3 <= one <= 9 + 1 + 10
         assert all(width > 60 and height > 25 for _, width, height in tab.plots())
         assert tab.selected() == 0
         first, last = page.locator('#time .bk-Figure').first, page.locator('#time .bk-Figure').last

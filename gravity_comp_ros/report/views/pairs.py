@@ -1,4 +1,4 @@
-"""Residual, sample count and coverage over pairs of joints: grid and heat maps."""
+"""Residual and coverage over pairs of joints: grid and heat map."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ from itertools import combinations, combinations_with_replacement
 from typing import Any
 
 from bokeh.models import (
-    ColorBar, ColumnDataSource, CustomJS, FixedTicker, HoverTool, LinearColorMapper,
-    LogColorMapper, LogTicker, Range1d, Select)
+    ColorBar, ColumnDataSource, CustomJS, FixedTicker, LinearColorMapper, Range1d, Select)
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents, REPORT, Table
+from gravity_comp_ros.report.contents import Contents, REPORT
 from gravity_comp_ros.report.section import ALL, Section, tiles
-from gravity_comp_ros.report.style import GRID, HEAT, label, MARKED, plot
+from gravity_comp_ros.report.style import GRID, HEAT, label, plot
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,18 +57,8 @@ def pair_cells(place: IntArray, residual: FloatArray, cells: int) -> dict[str, N
 
 
 _GAP = 0.06
-_TOOLS = 'tap,box_select,reset,save'
+_TOOLS = 'hover,reset,save'
 
-# Selected cells mark their samples in all plots.
-_MARK_SAMPLES = """
-const chosen = cells.selected.indices, matches = []
-const [first, second, a, b] = ['i', 'j', 'a', 'b'].map(name => cells.get_column(name))
-const place = (joint) => samples.get_column('c' + joint)
-const rows = chosen.map(k => [place(first[k]), a[k], place(second[k]), b[k]])
-for (let row = 0; rows.length && row < samples.get_column('t').length; row++)
-  if (rows.some(([p, a, q, b]) => p[row] == a && q[row] == b)) matches.push(row)
-samples.selected.indices = matches
-"""
 _SHOW_JOINT = """
 if (cb_obj.value == 'all') return
 const rms = cells.get_column('e' + cb_obj.value)
@@ -79,34 +68,26 @@ cells.data = {...cells.data, shown: rms}
 """
 
 
-def section(contents: Contents, table: Table, selector: Select) -> Section:
-    """Return the residual of the selected joint and the sample counts over all pairs."""
+def section(contents: Contents, selector: Select) -> Section:
+    """Return the residual of the selected joint over all pairs."""
     numbers, names = contents.numbers, contents.joints
     q = contents.samples.q[:, numbers]
     edges = cell_edges(q)
-    place = places(q, edges)
-    visited = pair_cells(place, contents.residual[:, numbers], _CELLS)
+    visited = pair_cells(places(q, edges), contents.residual[:, numbers], _CELLS)
     joint = names.index(contents.worst) if selector.value == ALL else int(selector.value)
     cells = ColumnDataSource(visited | _rectangles(visited, edges)
                              | {'shown': visited[f'e{joint}']})
-    error_colours = LinearColorMapper(palette=HEAT, low=0.0,
-                                      high=float(visited[f'e{joint}'].max()) or 1e-9)
-    count_colours = LogColorMapper(palette=HEAT, low=1,
-                                   high=max(float(visited['count'].max()), 2.0))
+    colours = LinearColorMapper(palette=HEAT, low=0.0,
+                                high=float(visited[f'e{joint}'].max()) or 1e-9)
     titles = [label(f'residual of {name}, RMS in N·m', 60) for name in names]
-    error = _matrix(titles[joint], names, cells, 'shown', error_colours)
-    counts = _matrix('samples', names, cells, 'count', count_colours)
-    counts.select_one(ColorBar).ticker = LogTicker(desired_num_ticks=4)
+    fig = _matrix(titles[joint], names, cells, colours)
     selector.js_on_change('value', CustomJS(code=_SHOW_JOINT, args={
-        'cells': cells, 'colours': error_colours, 'title': error.title, 'titles': titles}))
-    table.add({f'c{k}': table.column(place[:, k]) for k in range(len(numbers))})
-    cells.selected.js_on_change('indices', CustomJS(code=_MARK_SAMPLES, args={
-        'cells': cells, 'samples': table.source}))
+        'cells': cells, 'colours': colours, 'title': fig.title, 'titles': titles}))
     lead = markup.paragraph(
         'Each block is a pair of joints, each cell a part of their ranges; the diagonal shows '
-        'single joints. Cells without colour were not visited: the model extrapolates there. '
-        'Select a cell to mark its samples in the other plots.', 'quiet')
-    return Section('pairs', 'Pairs of joints', lead, tiles([error, counts], 300),
+        'single joints. Cells without colour were not visited: the model extrapolates there.',
+        'quiet')
+    return Section('pairs', 'Pairs of joints', lead, tiles([fig], 300),
                    _coverage(visited, names))
 
 
@@ -126,7 +107,7 @@ def _rectangles(cells: dict[str, NDArray[Any]], edges: FloatArray) -> dict[str, 
 
 
 def _matrix(title: str, names: tuple[str, ...], cells: ColumnDataSource,
-            field: str, colours: LinearColorMapper | LogColorMapper) -> figure:
+            colours: LinearColorMapper) -> figure:
     n = len(names)
     height = int(min(560, max(240, 150 + 62 * n)))
     fig = plot(title, '', '', height, _TOOLS, x_range=Range1d(0, n),
@@ -140,11 +121,11 @@ def _matrix(title: str, names: tuple[str, ...], cells: ColumnDataSource,
              fill_color='#f3f4f6', line_color=GRID, hatch_pattern='/',
              hatch_color=GRID, hatch_scale=7, level='underlay')
     drawn = fig.quad('left', 'right', 'top', 'bottom', source=cells, line_color=None,
-                     fill_color={'field': field, 'transform': colours},
-                     nonselection_fill_alpha=0.35, selection_line_color=MARKED)
-    fig.add_tools(HoverTool(renderers=[drawn], tooltips=[
+                     fill_color={'field': 'shown', 'transform': colours})
+    fig.hover.renderers = [drawn]
+    fig.hover.tooltips = [
         ('joint at the bottom', '@x{0.00} rad'), ('joint at the left', '@y{0.00} rad'),
-        ('RMS', '@shown{0.000} N·m'), ('samples', '@count')]))
+        ('RMS', '@shown{0.000} N·m'), ('samples', '@count')]
     ticks = [k + 0.5 for k in range(n)]
     labels = [label(name) for name in names]
     fig.xaxis.ticker = fig.yaxis.ticker = FixedTicker(ticks=ticks)
