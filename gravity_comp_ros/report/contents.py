@@ -39,8 +39,7 @@ class ReportOptions:
       `max_points`: of a spectrum over the angle; `min_travel`, rad: for one.
     - `max_features`: gravity terms that are fitted again for an added-variable plot; with more
       the residual of the model is used. `max_plots` of them, `max_coefficients` of a finding.
-    - `shown_terms`, `max_terms`, `max_stems`: of the model's terms in the equation, in the table
-      and in the plot.
+    - `shown_terms`, `max_terms`: of the model's terms in the equation and in the table.
 
     :raises OptionError: if a number is not positive.
     """
@@ -62,7 +61,6 @@ class ReportOptions:
     max_coefficients: int = 4
     shown_terms: int = 8
     max_terms: int = 300
-    max_stems: int = 1000
 
     def __post_init__(self) -> None:
         check_positive(self, 'report')

@@ -29,11 +29,11 @@ SECTIONS: dict[str, Maker] = {
     'Pairs': lambda contents, table, selector: pairs.section(contents, selector),
     'Spectrum': lambda contents, table, selector: spectrum.section(contents, selector),
     'Effects': lambda contents, table, selector: effects.section(contents, table),
-    'Model': lambda contents, table, selector: model.section(contents, selector),
+    'Model': lambda contents, table, selector: model.section(contents),
     'Data': lambda contents, table, selector: model.quality(contents),
     'Provenance': lambda contents, table, selector: model.provenance(contents)}
 # Sections with plots of the selected joint.
-BY_JOINT = ('Over time', 'Residual', 'Pairs', 'Spectrum', 'Model')
+BY_JOINT = ('Over time', 'Residual', 'Pairs', 'Spectrum')
 
 _PLACE = '<div class="plots"></div>'
 # MathJax is omitted: it would turn \href in a joint's name into a link.

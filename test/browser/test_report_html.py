@@ -136,10 +136,10 @@ def test_the_report_in_a_browser(diagnosed, watched):
     with watched(diagnosed.as_uri()) as tab:
         page = tab.page
         tab.open(diagnosed.as_uri())
-        # Two plots over time, four residuals, two spectra and the weights of one joint; a heat
-        # map; bars and more.
+        # Two plots over time, four residuals, two spectra of one joint; a heat map; bars and
+        # more.
         one = len(tab.plots())
-        assert 9 + 1 + 3 <= one <= 9 + 1 + 10
+        assert 8 + 1 + 3 <= one <= 8 + 1 + 10
         assert all(width > 60 and height > 25 for _, width, height in tab.plots())
         assert tab.selected() == 0
         first, last = page.locator('#time .bk-Figure').first, page.locator('#time .bk-Figure').last
@@ -160,8 +160,8 @@ def test_the_report_in_a_browser(diagnosed, watched):
         assert tab.selected() == rows and len(tab.plots()) == one
         assert page.evaluate(_titles, 'residual of elbow') == 1
         joint.select_option(label='all joints')
-        tab.wait_for_plots(one + 9)
-        assert len(tab.plots()) == one + 9
+        tab.wait_for_plots(one + 8)
+        assert len(tab.plots()) == one + 8
         tab.picture('report')
         assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from bokeh.models import BasicTickFormatter, ColumnDataSource, Select
-from bokeh.plotting import figure
 from gravity_comp_ros import __version__
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import percent, shortened
@@ -13,12 +11,11 @@ from gravity_comp_ros.facts.motion import MOTION
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT
-from gravity_comp_ros.report.section import by_joint, Section
-from gravity_comp_ros.report.style import padded, plot, RESIDUAL, short
+from gravity_comp_ros.report.section import Section
 import numpy as np
 
 
-def section(contents: Contents, selector: Select) -> Section:
+def section(contents: Contents) -> Section:
     """Return equations, effects and weights."""
     model = contents.model
     lead = markup.paragraph(
@@ -34,12 +31,7 @@ def section(contents: Contents, selector: Select) -> Section:
               markup.units(wording.coefficients(e.coefficients, 6)),
               wording.settings(e) or '–'] for e in applied],
             left=('on', 'coefficients, 95 %', 'nonlinear parameters'))
-    after = markup.paragraph(
-        'The x axis is the index of the feature among the 3^N products of the dictionary. A '
-        'sparse model has few weights, with a clear gap between large and small ones (compare '
-        'Yu 2022, Figs. 8 and 11).', 'quiet')
-    plots = by_joint(selector, lambda k: [_stems(contents, contents.numbers[k])], 200)
-    return Section('model', 'The model', lead, plots, after)
+    return Section('model', 'The model', lead)
 
 
 def _equation(contents: Contents, n: int) -> str:
@@ -57,25 +49,6 @@ def _equation(contents: Contents, n: int) -> str:
         ['weight N·m', 'feature'],
         [[f'{weight:.4f}', feature] for weight, feature in zip(torque.weights[order], features)],
         left=('feature',)))
-
-
-def _stems(contents: Contents, n: int) -> figure:
-    torque, count = contents.model.torques[n], contents.model.n_joints
-    largest = np.sort(np.argsort(-np.abs(torque.weights))[:REPORT.max_stems])
-    indices, weights = torque.indices[largest], torque.weights[largest]
-    source = ColumnDataSource({
-        'x': indices.astype(np.float64), 'y': weights, 'zero': np.zeros(len(weights)),
-        'name': dictionary.feature_names(indices, count)})
-    fig = plot(f'{short(contents.model.joints[n])}: {len(torque.weights)} of {3 ** count}',
-               'feature index', 'weight, N·m', 200, 'xbox_zoom,hover,reset,save',
-               x_range=padded(0.0, 3.0 ** count, 0.03))
-    fig.segment('x', 'zero', 'x', 'y', source=source, color=RESIDUAL, line_width=1.5)
-    dots = fig.scatter('x', 'y', source=source, size=5, color=RESIDUAL)
-    fig.hover.renderers = [dots]
-    fig.hover.tooltips = [('feature', '@name'), ('weight', '@y{0.0000} N·m')]
-    fig.xaxis.ticker.desired_num_ticks = 3
-    fig.yaxis.formatter = BasicTickFormatter(use_scientific=False)
-    return fig
 
 
 def quality(contents: Contents) -> Section:
