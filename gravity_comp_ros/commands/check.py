@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import html, reading, terminal
 from gravity_comp_ros.description_check.check import check_description
 from gravity_comp_ros.description_check.sentences import (
     error_rows, findings, unchecked_sentences)
-from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.report.check_page import check_html
 
 EXIT_FAULTS = 3
 
@@ -29,10 +26,9 @@ def run(args: argparse.Namespace) -> terminal.Answer:
                           recording.reports[0].options.effort_scale)
         report('check', 1.0)
     source = arm.tree.source
-    unchecked = unchecked_sentences(result)
+    unchecked, errors = unchecked_sentences(result), error_rows(result)
     if args.html is not None:
-        page = check_html(source, result, faults, unchecked, arm, slow.q[len(slow) // 2])
-        write_atomically(args.html, page.encode(), error=GravityCompError)
+        html.write_check(args, source, faults, errors, unchecked)
     document = {
         'description': source, 'faults': [one.to_json() for one in faults],
         'joints': {joint: {'rmse': before, 'rmse_corrected': after, 'torque_rms': torque}
@@ -46,5 +42,5 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     columns = ('joint', 'torque RMS N·m', 'RMSE as described', 'corrected')
     return terminal.Answer(document, [
         *lines, *([] if faults else [f'{source}: no fault found']), '',
-        terminal.table('', columns, error_rows(result)), *unchecked],
+        terminal.table('', columns, errors), *unchecked],
         status=EXIT_FAULTS if faults else 0)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands.arguments import message_of
@@ -14,8 +14,13 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
+from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.markup import html_page, text
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.description_check.sentences import Finding
 
 Run = Callable[[argparse.Namespace], Answer]
 
@@ -33,6 +38,26 @@ def with_error_page(verb: Run) -> Run:
                 write_atomically(args.html, page.encode(), error=GravityCompError)
             raise
     return run
+
+
+def write_check(args: argparse.Namespace, source: str, faults: Sequence[Finding],
+                errors: Sequence[Sequence[str]], unchecked: Sequence[str]) -> None:
+    """
+    Write the faults of a robot description, named `source`, and its errors by joint, atomically.
+
+    :raises GravityCompError: if the page cannot be written.
+    """
+    headline = f'{source}: {counted(len(faults), "fault") if faults else "no fault"} found'
+    items = ''.join(
+        f'<h2>{number}. {text(fault.sentence)}</h2>'
+        + markup.bullets(f'or, as probable: {other}' for other in fault.alternatives)
+        + markup.command(fault.correction) for number, fault in enumerate(faults, start=1))
+    table = markup.table(('joint', 'torque RMS, N·m', 'RMSE as described, N·m',
+                          'RMSE corrected, N·m'), errors)
+    page = html_page(f'gravity_comp check: {source}', (
+        f'<h1 id="verdict">{text(headline)}</h1>{items}<h2>Error by joint</h2>{table}'
+        f'{markup.bullets(unchecked)}'), [markup.COPY])
+    write_atomically(args.html, page.encode(), error=GravityCompError)
 
 
 def check_libraries(args: argparse.Namespace) -> None:

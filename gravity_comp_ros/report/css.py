@@ -86,13 +86,6 @@ a { color: var(--strong) }
 .plots { margin: .6rem 0 }
 #joint { position: sticky; top: 0; z-index: 6; background: var(--ground); padding: .2rem 0 }
 section { scroll-margin-top: 4rem }
-svg.arm { display: block; width: 100%; max-height: 80vh }
-svg.arm .link { stroke: var(--line); stroke-width: 14; stroke-linecap: round }
-svg.arm .axis { stroke: var(--faint); stroke-width: 3 }
-svg.arm circle { fill: var(--ground); stroke: var(--text); stroke-width: 3 }
-svg.arm text { fill: var(--text); font-size: 15px }
-svg.arm .axis.fault, svg.arm circle.fault { stroke: var(--warn) }
-svg.arm text.fault { fill: var(--warn); font-weight: 700 }
 """ + CONTENT + """
 @media print {
   @page { size: A4 landscape; margin: 12mm }

@@ -19,7 +19,7 @@ which recordings: slow motion of all joints over tens of degrees, without contac
 
 examples:
   gravity_comp check run1.mcap run2.mcap --urdf robot.urdf
-  gravity_comp check run1.mcap --urdf robot.urdf --html check.html    with a drawing of the arm
+  gravity_comp check run1.mcap --urdf robot.urdf --html check.html
 
 exit status: 0 no fault, 3 faults (for tests of a robot's software), 1 failed, 2 wrong usage.
 """, arguments.add_bags, arguments.add_gate, arguments.add_reading, arguments.add_json)
@@ -27,7 +27,7 @@ def check(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `check`."""
     arguments.add_description(parser, 'description to check (default: /robot_description in the '
                               'recording)')
-    arguments.add_page(parser, 'the faults with a drawing of the arm')
+    arguments.add_page(parser, 'the faults with their corrections')
 
 
 @arguments.verb('calibrate efforts in N·m with a known weight, or the stiffness of servos', """\

@@ -184,9 +184,6 @@ def test_the_residual_of_a_large_fault_does_not_hide_a_small_one(tmp_path, capsy
         'rmse_corrected']
     page = (tmp_path / 'r.html').read_text()
     assert all(escape(one['sentence']) in page for one in result['faults'])
-    # Drawing and tables need no script.
+    assert 'arm.urdf: 2 faults found' in page and 'data-copy="&lt;joint' in page
+    # Sentences and tables need no script.
     assert 'noscript' not in page
-    drawing = ElementTree.fromstring(re.search('<svg.*?</svg>', page, re.DOTALL)[0])
-    labels = {text.text: text.get('class') for text in drawing.iter('text')}
-    assert len(labels) == 8 and labels['1: iiwa_joint_4'] == 'fault'
-    assert len(drawing.findall('circle[@class="fault"]')) == len(result['faults'])
