@@ -27,14 +27,11 @@ from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.planning.expected import Outcome, read_expected, summary
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 import numpy as np
 from rich.table import Table
 
-_PLANNED = ('effect', 'stated probability', 'verdict now', 'as expected', 'expected interval',
-            'interval now')
 _DATA = ('joint', 'range rad', 'max rad/s', 'reversals', 'at rest', 'white noise N·m',
          'effective n')
 _WHY_OPEN = {
@@ -51,7 +48,6 @@ def run(args: argparse.Namespace) -> Answer:
     html.check_libraries(args)
     for name in args.effects or ():
         known_effect(name)
-    expected = None if args.plan is None else read_expected(args.plan)
     model = _model(args)
     started = time.perf_counter()
     with terminal.progress() as report:
@@ -70,7 +66,6 @@ def run(args: argparse.Namespace) -> Answer:
     diagnosis = replace(diagnosis, findings=findings)
     samples = samples.joints(tuple(diagnosis.joints))
     motion, rest = describe(samples), _rest(samples)
-    planned = None if expected is None else [Outcome.of(one, diagnosis) for one in expected]
     if args.html:
         _write_page(args, samples, diagnosed.model, diagnosis, reports, fitted=model is None)
     if args.json != '-':
@@ -82,13 +77,11 @@ def run(args: argparse.Namespace) -> Answer:
              *reading.bag_lines(reports), *reading.fitted_lines(model, reports),
              *([] if recording.use is None else [held]),
              *_lines(args, diagnosis, motion, rest, model),
-             *([] if planned is None else _outcome_lines(planned)),
              f'diagnosed in {seconds:.1f} s']
     document = {
         **diagnosis.to_json(), 'model': args.model.name if args.model else None,
         'data': _data(motion, rest), 'facts': [fact.to_json() for fact in facts],
         'bags': [r.to_json() for r in reports],
-        'plan': None if planned is None else [each.to_json() for each in planned],
         'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}
     return Answer(document, lines, [*(reading.scale_warnings(model, reports) if model else []),
                                     *broken_plug_ins()])
@@ -160,18 +153,6 @@ def _lines(args: argparse.Namespace, diagnosis: Diagnosis, motion: RecordingFact
             *([_table(diagnosis)] if diagnosis.findings else []), *next_steps(args, diagnosis),
             *(terminal.styled('yellow', '  •', f' {line}') for line in motion.remarks),
             *([*heading, *untestable] if untestable else []), '']
-
-
-def _outcome_lines(planned: list[Outcome]) -> list[terminal.Line]:
-    rows = [[target(each.effect, each.joint), f'{100 * each.chance:.0f} %', each.verdict,
-             'yes' if each.as_expected else 'no', _width(each.half_width, each.unit),
-             _width(each.found_half_width, each.unit)] for each in planned]
-    return ['', terminal.table('expectations of the plan', _PLANNED, rows, left=('verdict now',)),
-            summary(planned), '']
-
-
-def _width(value: float | None, unit: str) -> str:
-    return '–' if value is None else f'± {value:.2g} {unit}'.strip()
 
 
 def _table(diagnosis: Diagnosis) -> Table:

@@ -72,7 +72,6 @@ def _lines(args: argparse.Namespace, planned: MotionPlan, links: str) -> list[te
     bags = [*args.bags, Path(args.output).with_suffix('.mcap')]
     if bags[-1] == args.output:
         bags[-1] = bags[-1].with_stem(f'{bags[-1].stem}_played')
-    expected = ['--plan', str(args.json)] if args.json and args.json != '-' else []
     return [
         terminal.styled('bold', f'{counted(len(planned.parts), "part")}, {length}'),
         *(f'  {part.sentence}' for part in planned.parts), '',
@@ -84,8 +83,7 @@ def _lines(args: argparse.Namespace, planned: MotionPlan, links: str) -> list[te
         f'written to {args.output}',
         *next_step.lines(f'play the motion on the arm (see `gravity_comp plan --help`), record it '
                          f'as {bags[-1]}, and diagnose all recordings together',
-                         next_step.command('diagnose', args, *expected, bags=bags,
-                                           model=args.model))]
+                         next_step.command('diagnose', args, bags=bags, model=args.model))]
 
 
 def _advice(planned: MotionPlan, options: PlanOptions, model: GravityModel) -> list[str]:

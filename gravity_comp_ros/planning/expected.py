@@ -1,18 +1,15 @@
-"""Planned motion, its parts, and the expected and the actual result of each target."""
+"""Planned motion, its parts, and the expected result of each target."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-import json
 from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.trajectory import Trajectory
-from gravity_comp_ros.diagnosis.findings import Diagnosis, FOUND
 from gravity_comp_ros.display import Displayable, TextTable
-from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.planning.options import Target
 from gravity_comp_ros.printable import counted
 import numpy as np
@@ -20,9 +17,6 @@ import numpy as np
 # Columns of `Expectation.row`.
 EXPECTED = ('to resolve', 'chance now', 'chance then', 'coefficient, 95 %',
             'closest alternative')
-# Verdicts on a target without a finding: the recordings excite the effect, or they do not.
-ABSENT, UNTESTABLE = 'absent', 'untestable'
-RESOLVED = (*map(str, FOUND), ABSENT)
 
 
 @dataclass(frozen=True)
@@ -159,80 +153,3 @@ class MotionPlan(Displayable):
             'expected': [expected.to_json() for expected in self.expectations],
             'gravity': [asdict(each) for each in self.gravity],
             'notes': list(self.notes)}
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """
-    Expected and actual result of a target, an entry of `plan` of `diagnose --json`.
-
-    `verdict` is that of a finding, `absent` or `untestable`; `resolved` tells whether it resolves
-    the target, `as_expected` whether the more probable of both occurred. `half_width` (expected)
-    and `found_half_width` are half the 95 % interval of the first coefficient, in `unit`; None
-    without one.
-    """
-
-    effect: str
-    joint: str | None
-    chance: float
-    verdict: str
-    resolved: bool
-    as_expected: bool
-    half_width: float | None
-    found_half_width: float | None
-    unit: str
-
-    @classmethod
-    def of(cls, expected: Mapping[str, Any], diagnosis: Diagnosis) -> Outcome:
-        """
-        Return the outcome of an object of `read_expected`.
-
-        :raises BagError: if the diagnosis does not contain the joint of the target.
-        """
-        effect, joint, chance = expected['effect'], expected['joint'], float(expected['chance'])
-        if joint is not None and joint not in diagnosis.joints:
-            raise BagError(f'the plan is for joint {joint}, which is not among '
-                           f'{", ".join(diagnosis.joints)}')
-        finding = diagnosis.finding(effect, joint)
-        tested = diagnosis if joint is None else diagnosis.joints[joint]
-        verdict = str(finding.verdict) if finding is not None else (
-            UNTESTABLE if effect in tested.untestable else ABSENT)
-        resolved = verdict in RESOLVED
-        widths: Mapping[str, Mapping[str, Any]] = expected['half_width']
-        symbol = next(iter(widths), '')
-        width = widths.get(symbol, {})
-        estimate = finding.coefficients.get(symbol) if finding is not None else None
-        return cls(effect, joint, chance, verdict, resolved, resolved == (chance >= 0.5),
-                   width.get('value'),
-                   None if estimate is None else 0.5 * (estimate.ci95[1] - estimate.ci95[0]),
-                   str(width.get('unit', '')))
-
-    def to_json(self) -> dict[str, Any]:
-        """Return one object of `plan` of `diagnose --json`."""
-        document = asdict(self)
-        return {**document, 'settled': document.pop('resolved')}
-
-
-def read_expected(path: Path) -> list[dict[str, Any]]:
-    """
-    Return the `expected` objects of a file of `plan --json`.
-
-    :raises BagError: if the file is not from that command.
-    """
-    try:
-        document = json.loads(path.read_text(encoding='utf-8'))
-        expected = document['expected']
-        for one in expected:
-            one['effect'], one['joint'], float(one['chance']), one['half_width'].items()
-    except OSError as problem:
-        raise BagError(f'{path}: {problem.strerror or problem}') from None
-    except (ValueError, TypeError, KeyError, AttributeError):
-        raise BagError(f'{path} is not what `plan --json` writes') from None
-    return list(expected)
-
-
-def summary(results: list[Outcome]) -> str:
-    """Return the number of resolved targets, and the expected number."""
-    resolved = sum(one.resolved for one in results)
-    return (f'{resolved} of {len(results)} targets of the plan are resolved; expected by the '
-            f'stated chances: {sum(one.chance for one in results):.1f}')

@@ -81,7 +81,6 @@ examples:
   gravity_comp diagnose run1.mcap                         without a model file
   gravity_comp diagnose run1.mcap --effects coulomb_friction,viscous_friction --json
   gravity_comp diagnose run1.mcap --model arm.json --html report.html    report with plots
-  gravity_comp diagnose run1.mcap new.mcap --model arm.json --plan plan.json   check a plan
 
 which recordings: the fitted recordings and any others of the same arm with the same payload, slow
 or fast. More runs resolve more findings; errors are always held-out errors.
@@ -109,8 +108,6 @@ def diagnose(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--holdout', action='store_true',
                         help='require that `fit --holdout` held out data; with --model that '
                         'data is always excluded')
-    parser.add_argument('--plan', metavar='PLAN.json', type=Path,
-                        help='compare with the expectations of `plan --json PLAN.json`')
     arguments.add_description(parser, f'{arguments.DRAWN}; without --model, also the joint axes',
                               fixed=False)
 
@@ -193,8 +190,7 @@ examples:
   ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \\
       trajectory_msgs/msg/JointTrajectory "$(cat motion.yaml)"
   gravity_comp synth --motion motion.yaml -o new.mcap              simulate it
-  gravity_comp plan run1.mcap --model arm.json --json plan.json -o motion.yaml
-  gravity_comp diagnose run1.mcap new.mcap --model arm.json --plan plan.json   check the result
+  gravity_comp diagnose run1.mcap new.mcap --model arm.json        the result
 
 The motion begins and ends at rest at one recorded pose. It stays near recorded poses and moves one
 or two joints at a time, or all joints if more have targets. Move the arm to the first point

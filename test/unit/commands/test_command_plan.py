@@ -4,7 +4,7 @@ import json
 
 from bench.shared import urdf_snippets as robots
 from bench.shared.command_line import refused
-from bench.shared.planning_arm import model, NAMES, one_way, played
+from bench.shared.planning_arm import model, NAMES, one_way
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.recordings.bag import read_bag
@@ -99,31 +99,6 @@ def test_wider_limits_are_advised_where_they_are_needed(folder, tmp_path, capsys
     assert 'widen the position limits' in ' '.join(capsys.readouterr().err.split())
     assert main([*line, '--widen', '0.7', '--duration', '20']) == 0
     assert '--widen' not in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('friction, verdict', [(0.5, 'established'), (0.0, 'absent')])
-def test_the_outcome_of_a_plan(folder, tmp_path, capsys, friction, verdict):
-    motion, stated = tmp_path / 'motion.csv', tmp_path / 'plan.json'
-    write_bag(tmp_path / 'old.mcap', [joint_states(one_way(0, friction=friction))])
-    old = str(tmp_path / 'old.mcap')
-    line = command(folder, motion, '--json', stated)
-    assert main([line[0], old, *line[2:]]) == 0
-    assert f'--plan {stated}' in ' '.join(capsys.readouterr().out.split())
-    new = played(read_trajectory(motion), friction=friction)
-    write_bag(tmp_path / 'new.mcap', [joint_states(new)])
-    line = ['diagnose', old, str(tmp_path / 'new.mcap'), '--model', str(folder / 'arm.json'),
-            '--effects', 'coulomb_friction,viscous_friction', '--plan', str(stated)]
-    out = tmp_path / 'found.json'
-    assert main([*line, '--json', str(out)]) == 0
-    (outcome,) = json.loads(out.read_text())['plan']
-    assert outcome['verdict'] == verdict and outcome['settled'] and outcome['as_expected']
-    assert '1 of 1 targets of the plan are resolved' in ' '.join(capsys.readouterr().out.split())
-    if friction:
-        # The expected width is met within the uncertainty of few blocks of data.
-        assert 0.2 < outcome['found_half_width'] / outcome['half_width'] < 5.0
-    stated.write_text('{}')
-    assert main(line) == 1
-    assert 'is not what `plan --json` writes' in capsys.readouterr().err
 
 
 URDF = """
