@@ -69,9 +69,8 @@ def planned(session: Session, browser: widgets.Browser) -> list[UIElement]:
     text = (
         f'<h3 id="planned">Planned: {markup.text(plan.summary())}</h3>{markup.bullets(sentences)}'
         + markup.table(EXPECTED, [each.row() for each in plan.expectations], EXPECTED[3:])
-        + markup.paragraph(f'Move the arm to {start} rad first. Obstacles, people and '
-                           f'self-collisions are not checked: keep the space around the arm '
-                           f'clear.', 'warning')
+        + markup.paragraph(f'Move the arm to {start} rad first. Obstacles and people '
+                           f'are not checked: keep the space around the arm clear.', 'warning')
         + ''.join(markup.paragraph(note, 'quiet') for note in plan.notes)
         + markup.paragraph('Play it, record it, and drop the recording into this page.'))
     trajectory = plan.trajectory
