@@ -15,8 +15,8 @@ from gravity_comp_ros.planning import MotionPlan, plan, PlanOptions
 from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import EXPECTED
 from gravity_comp_ros.planning.questions import named_targets
+from gravity_comp_ros.planning.trajectory_files import write_trajectory
 from gravity_comp_ros.printable import counted
-from gravity_comp_ros.recordings.trajectory_files import write_trajectory
 import numpy as np
 
 UNLIMITED = 'no description gives the position limits: check that no joint reaches an end ' \

@@ -12,9 +12,9 @@ from gravity_comp_ros.commands.usage.files import FILES
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.planning.trajectory_files import read_trajectory
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
-from gravity_comp_ros.recordings.trajectory_files import read_trajectory
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.hidden import Hidden, hidden
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions

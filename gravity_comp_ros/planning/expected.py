@@ -126,11 +126,11 @@ class MotionPlan(Displayable):
 
     def save(self, path: str | Path) -> None:
         """
-        Write the motion as JointTrajectory (.yaml), table (.csv) or JointState bag (.mcap).
+        Write the motion as JointTrajectory (.yaml) or JointState bag (.mcap).
 
         :raises BagError: if the file cannot be written, or its ending is unknown.
         """
-        from gravity_comp_ros.recordings.trajectory_files import write_trajectory
+        from gravity_comp_ros.planning.trajectory_files import write_trajectory
         write_trajectory(Path(path), self.trajectory, [part.sentence for part in self.parts])
 
     def summary(self) -> str:

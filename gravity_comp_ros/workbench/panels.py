@@ -19,7 +19,7 @@ from gravity_comp_ros.models.applied_effects import target as effect_name
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import EXPECTED
 from gravity_comp_ros.planning.questions import OPEN
-from gravity_comp_ros.recordings.trajectory_files import to_csv, to_yaml
+from gravity_comp_ros.planning.trajectory_files import to_yaml
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.style import bar_key, bar_plot, Bars, HEAT
@@ -79,8 +79,7 @@ def planned(session: Session, browser: widgets.Browser) -> list[UIElement]:
                  ('trajectory (YAML)', 'plan-yaml', 'motion.yaml', 'application/yaml',
                   to_yaml(trajectory, sentences)),
                  ('action goal', 'plan-goal', 'goal.yaml', 'application/yaml',
-                  to_yaml(trajectory, sentences, True)),
-                 ('CSV', 'plan-csv', 'motion.csv', 'text/csv', to_csv(trajectory)))]
+                  to_yaml(trajectory, sentences, True)))]
     return [column(widgets.html(text), row(*files, styles={'flex-wrap': 'wrap'}),
                    sizing_mode='stretch_width')]
 

@@ -7,8 +7,8 @@ from bench.shared.rough_links import COULOMB, two_links
 from bench.shared.workbench_page import home, look, RMSE, rmse, row, saved, served, VIEWS
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.planning.trajectory_files import read_trajectory
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
-from gravity_comp_ros.recordings.trajectory_files import read_trajectory
 import numpy as np
 import pytest
 
@@ -124,9 +124,9 @@ def test_a_motion_is_planned_for_an_open_finding(folder, watched, tmp_path):
             'keep the space around the arm clear')
         page.locator('#idle').wait_for()
         motion = read_trajectory(saved(page, 'Save as trajectory', tmp_path / 'motion.yaml'))
-        table = read_trajectory(saved(page, 'Save as CSV', tmp_path / 'motion.csv'))
-        assert motion.joints == table.joints == ('shoulder', 'elbow')
-        assert np.ptp(motion.q[:, 0]) > 0.01 and abs(table.qd).max() < 0.301
+        goal = read_trajectory(saved(page, 'Save as action goal', tmp_path / 'goal.yaml'))
+        assert motion.joints == goal.joints == ('shoulder', 'elbow')
+        assert np.ptp(motion.q[:, 0]) > 0.01 and abs(goal.qd).max() < 0.301
         tab.picture('workbench-plan')
         # A plan is discarded with its model.
         page.get_by_role('button', name='Fit with these settings').click()

@@ -22,7 +22,7 @@ CALLS = {
                                        'arm.urdf'), 'check': ('1.mcap', '--urdf', 'arm.urdf'),
     'replay': ('1.mcap', '--model', 'm.json', '-o', 'out.mcap'),
     'plan': ('1.mcap', '--model', 'm.json', '--settle', 'viscous_friction:shoulder', '--duration',
-             '20', '-o', 'motion.csv'),
+             '20', '-o', 'motion.yaml'),
     'synth': ('--motion', 'eq15', '-o', 'synth.mcap'), 'convert': ('table.csv', '-o', 'c.mcap'),
     'fleet': ('fit', 'robots', '-o', 'models', '--workers', '1')}
 

@@ -11,7 +11,7 @@ from gravity_comp_ros.recordings.units import (
 from gravity_comp_ros.simulation.hidden import size_table
 
 MOTIONS = ('eq15', 'eq17', 'random', 'multisine')
-FILES = ('.yaml', '.yml', '.csv')
+FILES = ('.yaml', '.yml')
 
 
 @arguments.verb('record a simulated arm with motion, payload, hidden effects and noise', f"""\
@@ -51,7 +51,7 @@ def synth(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('motion')
     group.add_argument('--motion', metavar='NAME|FILE', type=_motion_name, default='eq17',
                        help=f'{", ".join(MOTIONS)} (see below), or a motion written by `plan` '
-                       '(.yaml or .csv) (default: eq17)')
+                       '(.yaml) (default: eq17)')
     group.add_argument('--duration', metavar='S', type=arguments.positive, help='length in s')
     group.add_argument('--rate', metavar='HZ', type=arguments.positive, help='samples per second')
     group.add_argument('--samples', metavar='N', type=arguments.count,

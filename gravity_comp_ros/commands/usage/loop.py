@@ -173,9 +173,9 @@ def update(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(rewrites_model=True)
 
 
-# Copies from `recordings.trajectory_files` and `planning.PlanOptions`, so that --help does not
+# Copies from `planning.trajectory_files` and `planning.PlanOptions`, so that --help does not
 # import them; a test compares both.
-ENDINGS = ('.yaml', '.yml', '.csv', '.mcap')
+ENDINGS = ('.yaml', '.yml', '.mcap')
 LIMITS = (('duration', 'S', 20.0, 'maximum duration'),
           ('max_speed', 'RAD/S', 0.3, 'of every joint'),
           ('max_acceleration', 'RAD/S²', 1.0, 'of every joint'),
@@ -185,7 +185,7 @@ LIMITS = (('duration', 'S', 20.0, 'maximum duration'),
 @arguments.verb('plan the motion that resolves open findings', """\
 examples:
   gravity_comp plan run1.mcap --model arm.json -o motion.yaml
-  gravity_comp plan run1.mcap --model arm.json --settle coulomb_friction:elbow -o motion.csv
+  gravity_comp plan run1.mcap --model arm.json --settle coulomb_friction:elbow -o motion.yaml
   gravity_comp plan run1.mcap --model arm.json --widen 0.7 --urdf robot.urdf -o motion.yaml
   ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \\
       trajectory_msgs/msg/JointTrajectory "$(cat motion.yaml)"

@@ -14,8 +14,8 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.estimation.estimate import CHOICES, FitOptions
 from gravity_comp_ros.planning.options import PlanOptions
+from gravity_comp_ros.planning.trajectory_files import ENDINGS
 from gravity_comp_ros.printable import printable
-from gravity_comp_ros.recordings.trajectory_files import ENDINGS
 from hypothesis import given, strategies as st
 import pytest
 

@@ -14,8 +14,8 @@ from gravity_comp_ros.planning import plan, PlanOptions, Target
 from gravity_comp_ros.planning.collision import (
     arm_limits, CollisionsUnchecked, MARGIN, self_collision)
 from gravity_comp_ros.planning.enough import enough_motion
+from gravity_comp_ros.planning.trajectory_files import read_trajectory
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
-from gravity_comp_ros.recordings.trajectory_files import read_trajectory
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pytest
@@ -235,10 +235,10 @@ def test_the_command_reports_the_check(tmp_path, capsys):
     (tmp_path / 'arm.urdf').write_text(planar())
     line = ['plan', str(tmp_path / 'old.mcap'), '--model', str(tmp_path / 'arm.json'),
             '--settle', 'coulomb_friction:elbow', '--duration', '8',
-            '-o', str(tmp_path / 'motion.csv')]
+            '-o', str(tmp_path / 'motion.yaml')]
     assert main(line) == 0
     assert 'not checked whether the links' in ' '.join(capsys.readouterr().out.split())
     assert main([*line, '--urdf', str(tmp_path / 'arm.urdf')]) == 0
     output = ' '.join(capsys.readouterr().out.split())
     assert f'collision geometry of {tmp_path / "arm.urdf"}' in output
-    assert read_trajectory(tmp_path / 'motion.csv').joints == NAMES
+    assert read_trajectory(tmp_path / 'motion.yaml').joints == NAMES

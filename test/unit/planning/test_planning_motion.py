@@ -7,9 +7,9 @@ from gravity_comp_ros.planning import plan, PlanOptions, Target
 from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
 from gravity_comp_ros.planning.selection import strokes
+from gravity_comp_ros.planning.trajectory_files import (
+    from_yaml, read_trajectory, to_yaml, write_trajectory)
 from gravity_comp_ros.planning.workspace import workspace
-from gravity_comp_ros.recordings.trajectory_files import (
-    from_csv, from_yaml, read_trajectory, to_csv, to_yaml, write_trajectory)
 from hypothesis import assume, given, settings, strategies
 import numpy as np
 import pytest
@@ -139,16 +139,12 @@ def test_a_trajectory_read_from_yaml_equals_the_plan(motion):
     assert np.abs(qd).max() <= 0.3 * 1.01
 
 
-def test_csv_and_mcap(motion, tmp_path):
-    again = from_csv(to_csv(motion))
-    for name in ('t', 'q', 'qd', 'qdd'):
-        np.testing.assert_allclose(getattr(again, name), getattr(motion, name), atol=1e-8)
+def test_effort_and_mcap(motion, tmp_path):
     with_effort = Trajectory(motion.joints, motion.t, motion.q, motion.qd, motion.qdd,
                              model().predict(motion.q))
-    for ending in ('csv', 'yaml'):
-        write_trajectory(tmp_path / f'motion.{ending}', with_effort)
-        again = read_trajectory(tmp_path / f'motion.{ending}')
-        assert again.effort is not None and again.joints == NAMES
+    write_trajectory(tmp_path / 'motion.yaml', with_effort)
+    again = read_trajectory(tmp_path / 'motion.yaml')
+    assert again.effort is not None and again.joints == NAMES
     write_trajectory(tmp_path / 'motion.mcap', with_effort)
     from gravity_comp_ros.recordings.bag import read_bag
     samples = read_bag(tmp_path / 'motion.mcap').samples
@@ -159,7 +155,7 @@ def test_csv_and_mcap(motion, tmp_path):
 
 @pytest.mark.parametrize('name, text', [
     ('a.yaml', 'points: ['), ('a.yaml', '3'), ('a.yaml', 'joint_names: [a]\npoints: []'),
-    ('a.csv', 't,x\n0,1\n1,2'), ('a.csv', ''), ('a.csv', 't,q_a\n0,nan\n1,0'),
+    ('a.yaml', ''), ('a.yaml', 't,q_a\n0,nan\n1,0'),
     ('a.yaml', 'joint_names: [a]\npoints: [{positions: [1]}]')])
 def test_files_without_a_trajectory(tmp_path, name, text):
     path = tmp_path / name

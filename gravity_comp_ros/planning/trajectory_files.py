@@ -5,15 +5,12 @@ Trajectory files.
   FollowJointTrajectory action. Points are 0.1 s apart, with velocities and accelerations, so that
   a controller interpolates by quintic splines. More points would exceed the length of a command
   line.
-- CSV: columns of time, and of position, velocity, acceleration and effort of each joint.
 - MCAP: JointState messages on /planned_joint_states, for display (written only).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-import csv
-import io
 import json
 import math
 from pathlib import Path
@@ -25,11 +22,10 @@ from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.printable import printable
 import numpy as np
 
-ENDINGS = ('.yaml', '.yml', '.csv', '.mcap')
+ENDINGS = ('.yaml', '.yml', '.mcap')
 PLANNED_TOPIC = '/planned_joint_states'
 
 _POINT_STEP = 0.1  # s
-_PREFIXES = (('q', 'q_'), ('qd', 'qd_'), ('qdd', 'qdd_'), ('effort', 'effort_'))
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, comments: Sequence[str] = (),
@@ -43,8 +39,6 @@ def write_trajectory(path: Path, trajectory: Trajectory, comments: Sequence[str]
     """
     if path.suffix in ('.yaml', '.yml'):
         write_atomically(path, to_yaml(trajectory, comments, goal).encode(), BagError)
-    elif path.suffix == '.csv':
-        write_atomically(path, to_csv(trajectory).encode(), BagError)
     elif path.suffix == '.mcap':
         from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
         write_bag(path, [JointTopic(PLANNED_TOPIC, trajectory.joints, trajectory.t,
@@ -55,7 +49,7 @@ def write_trajectory(path: Path, trajectory: Trajectory, comments: Sequence[str]
 
 def read_trajectory(path: Path) -> Trajectory:
     """
-    Read a trajectory from a YAML or CSV file.
+    Read a trajectory from a YAML file.
 
     :raises BagError: if the file cannot be read or contains no trajectory.
     """
@@ -65,7 +59,7 @@ def read_trajectory(path: Path) -> Trajectory:
         reason = getattr(error, 'strerror', None) or 'no text'
         raise BagError(f'cannot read the motion {path}: {reason.lower()}') from None
     try:
-        return from_csv(text) if path.suffix == '.csv' else from_yaml(text)
+        return from_yaml(text)
     except (DataError, KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise BagError(f'{path} contains no joint trajectory: {printable(error)}') from None
 
@@ -115,32 +109,6 @@ def from_yaml(text: str) -> Trajectory:
               if all(p.get('effort') for p in points) else None)
     return Trajectory(tuple(map(str, message['joint_names'])), np.array(times), q, qd, qdd,
                       effort)
-
-
-def to_csv(trajectory: Trajectory) -> str:
-    """Return the trajectory as CSV with a header."""
-    parts = [(prefix, getattr(trajectory, name)) for name, prefix in _PREFIXES
-             if getattr(trajectory, name) is not None]
-    header = ['t', *(prefix + joint for prefix, _ in parts for joint in trajectory.joints)]
-    stream = io.StringIO()
-    csv.writer(stream, lineterminator='\n').writerow(header)
-    np.savetxt(stream, np.column_stack([trajectory.t, *(values for _, values in parts)]),
-               '%.9g', ',')
-    return stream.getvalue()
-
-
-def from_csv(text: str) -> Trajectory:
-    """Parse CSV with columns t, q_JOINT and, optionally, qd_, qdd_ and effort_JOINT."""
-    header, *rows = csv.reader(io.StringIO(text))
-    columns = dict(zip(header, np.array(rows, dtype=np.float64).T))
-    joints = tuple(name[2:] for name in header if name.startswith('q_'))
-    if not joints or 't' not in header:
-        raise ValueError('it has no columns t and q_JOINT')
-    arrays = {name: np.column_stack([columns[prefix + joint] for joint in joints])
-              for name, prefix in _PREFIXES
-              if all(prefix + joint in header for joint in joints)}
-    zeros = np.zeros_like(arrays['q'])
-    return Trajectory(joints, columns['t'], **{'qd': zeros, 'qdd': zeros, **arrays})
 
 
 def _numbers(row: FloatArray) -> str:
