@@ -1,1 +1,1 @@
-"""Reading and writing of rosbag2 folders, MCAP, sqlite, CSV and NPZ files, without ROS."""
+"""Reading and writing of rosbag2 folders, MCAP, sqlite, CSV and Parquet files, without ROS."""

@@ -23,7 +23,7 @@ from gravity_comp_ros.recordings.sqlite_storage import SqliteStorage
 
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ROS1_MAGIC = b'#ROSBAG V'
-_TABLES = ('.csv', '.txt', '.tsv', '.npz', '.npy', '.parquet')
+_TABLES = ('.csv', '.txt', '.tsv', '.parquet')
 # Number and endings of a file of a split recording.
 _PART = re.compile(r'(_\d+)?\.(mcap|db3)(\.zstd)?$')
 

@@ -12,7 +12,7 @@ from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
 from gravity_comp_ros.recordings.table_columns import (
     Columns, find_columns, has_columns, named_columns)
 from gravity_comp_ros.recordings.table_files import (
-    is_parquet, read_csv, read_npz, read_parquet, Table)
+    is_parquet, read_csv, read_parquet, Table)
 from gravity_comp_ros.recordings.table_layouts import (
     JOINED_TIME, known_layout, merged_rows, ROSTOPIC_TIME)
 from gravity_comp_ros.recordings.table_units import (
@@ -113,7 +113,7 @@ class Converted:
 def read_table(path: str | Path, options: TableOptions = TableOptions(),
                topic: str = '/joint_states') -> Converted:
     """
-    Return the joint states in a CSV or NPZ file, in rad, rad/s and N·m.
+    Return the joint states in a CSV or Parquet file, in rad, rad/s and N·m.
 
     :raises BagError: if the file cannot be read, a column is missing, or a cell is invalid; the
         message names the row and the column.
@@ -122,8 +122,6 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     path = Path(path)
     if is_parquet(path):
         table = read_parquet(path)
-    elif path.suffix.lower() in ('.npz', '.npy'):
-        table = read_npz(path)
     else:
         table = read_csv(path, options.header, options.delimiter, options.skip_bad_rows)
     table = known_layout(table)
@@ -214,9 +212,6 @@ def _find(table: Table, selection: str | None, defaults: tuple[str, ...], what: 
           optional: bool = False) -> list[int]:
     where = str(table.path)
     if selection is not None:
-        # The name of an NPZ array of shape (M, N) selects its N columns.
-        if selection not in table.columns and has_columns(table.columns, selection + '_{i}'):
-            selection += '_{i}'
         return find_columns(table.columns, selection, what, where)
     for pattern in defaults:
         if has_columns(_lower(table), pattern):

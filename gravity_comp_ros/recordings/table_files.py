@@ -1,5 +1,5 @@
 """
-Tables of numbers with named columns from CSV, NPZ and Parquet files, and LeRobot data sets.
+Tables of numbers with named columns from CSV and Parquet files, and LeRobot data sets.
 
 A LeRobot data set (needs pyarrow) has `meta/info.json` with the names of the joints, and
 `data/**/*.parquet` with columns of lists: `observation.state`, and `observation.effort` or names
@@ -9,7 +9,7 @@ such as `elbow.load` if torques were recorded. Each episode begins at time 0.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 import csv
 from dataclasses import dataclass, field, replace
 from datetime import datetime, UTC
@@ -17,12 +17,10 @@ from itertools import chain
 import json
 from pathlib import Path
 from typing import Any
-import zipfile
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.errors import BagError
 import numpy as np
-from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,61 +74,6 @@ def read_csv(path: Path, header: bool | None = None, delimiter: str | None = Non
                        ) from None
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror}') from None
-
-
-def read_npz(path: Path) -> Table:
-    """
-    Read the table in a NumPy archive, without unpickling.
-
-    An array x (M,) becomes column x; an array x (M, N) becomes columns x_1 to x_N. An array
-    `names` of N strings gives the joint names.
-
-    :raises BagError: if the archive is damaged, or its arrays have different lengths.
-    """
-    try:
-        loaded = np.load(path, allow_pickle=False)
-        if not isinstance(loaded, np.lib.npyio.NpzFile):
-            raise BagError(f'{path} is a single array; it must be an .npz archive of named '
-                           f'arrays, as written by np.savez("log.npz", t=t, q=q, tau=tau)')
-        with loaded:
-            arrays: dict[str, NDArray] = dict(loaded)
-    except OSError as error:
-        raise BagError(f'cannot read {path}: {error.strerror or error}') from None
-    except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zipfile.LargeZipFile,
-            NotImplementedError, RuntimeError, MemoryError) as error:
-        if 'allow_pickle' in str(error) or 'pickled' in str(error):
-            raise BagError(f'{path} contains pickled objects, which could run code; save plain '
-                           f'arrays of numbers') from None
-        raise BagError(f'{path} is not a readable .npz archive: '
-                       f'{" ".join(str(error).split())}') from None
-    joints = arrays.pop('names', None)
-    if joints is not None and (joints.dtype.kind not in 'US' or joints.ndim != 1):
-        raise BagError(f'{path}: array names must be a list of joint names')
-    columns = [column for key, values in arrays.items()
-               for column in _columns(key, values, _numbered)]
-    if not columns:
-        raise BagError(f'{path} has no arrays of numbers')
-    if len({len(values) for _, values in columns}) > 1:
-        sizes = ', '.join(f'{key} {arrays[key].shape}' for key in arrays)
-        raise BagError(f'{path}: arrays have different lengths: {sizes}; each row is one sample')
-    names = [name for name, _ in columns]
-    check_columns(path, names)
-    return Table(path, tuple(names), np.column_stack([values for _, values in columns]), None,
-                 None if joints is None else tuple(map(str, joints.astype(str))))
-
-
-def _numbered(key: str, count: int) -> list[str]:
-    return [f'{key}_{k + 1}' for k in range(count)]
-
-
-def _columns(key: str, values: NDArray, names: Callable[[str, int], list[str]]
-             ) -> list[tuple[str, FloatArray]]:
-    """Return names and values of the columns (M,) of an array of numbers (M,) or (M, N)."""
-    if values.dtype.kind not in 'fiu' or values.ndim not in (1, 2):
-        return []
-    values = values.astype(np.float64)
-    return [(key, values)] if values.ndim == 1 else [
-        *zip(names(key, values.shape[1]), values.T)]
 
 
 def _csv_table(path: Path, rows: Iterator[tuple[int, list[str]]], decimal_comma: bool,
@@ -267,7 +210,7 @@ def _parquet_columns(table: Any, names: dict[str, list[str]]) -> dict[str, Float
     def expanded(key: str, count: int) -> list[str]:
         known, what = names.get(key, []), _WHAT.get(key.rsplit('.', 1)[-1], key)
         if len(known) != count:
-            return _numbered(what, count)
+            return [f'{what}_{k + 1}' for k in range(count)]
         return known if all(name.endswith(_SUFFIXES) for name in known) else [
             f'{what}_{name}' for name in known]
 
@@ -279,8 +222,12 @@ def _parquet_columns(table: Any, names: dict[str, list[str]]) -> dict[str, Float
                 values = np.stack([np.asarray(each, dtype=np.float64) for each in values])
             except (ValueError, TypeError):
                 continue
-        if values.ndim == 1 or not key.startswith('action'):
-            arrays |= dict(_columns(key, values, expanded))
+        if values.dtype.kind not in 'fiu':
+            continue
+        if values.ndim == 1:
+            arrays[key] = values.astype(np.float64)
+        elif values.ndim == 2 and not key.startswith('action'):
+            arrays |= zip(expanded(key, values.shape[1]), values.T)
     return arrays
 
 

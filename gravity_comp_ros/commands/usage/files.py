@@ -92,13 +92,12 @@ def _motion_name(text: str) -> str:
     return text
 
 
-@arguments.verb('convert a CSV or NPZ file with any columns, units and signs to an MCAP file', """\
+@arguments.verb('convert a CSV or Parquet file of any columns and units to an MCAP file', """\
 columns (--time, --position, --velocity, --effort):
   q_{i}      all columns with a number in place of {i}, in order: q_0, q_1, ...
   a,b,c      columns by name
   2-8        columns by number, counted from 1
   none       no such column (for --time and --velocity)
-  q          in an NPZ file, an array of M rows and N columns
 Without these options common names are searched: t or time, q_{i}, qd_{i}, tau_{i} and similar, and
 names that include the joint, such as /joint_states/elbow/position (PlotJuggler), position_elbow or
 elbow.pos. Files of `ros2 topic echo --csv`, rostopic and bagpy, and LeRobot data sets (Parquet,
@@ -116,7 +115,7 @@ examples:
 def convert(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `convert`."""
     parser.add_argument('table', metavar='TABLE', type=Path,
-                        help='a .csv, .txt, .npz or .parquet file, or the folder of a LeRobot '
+                        help='a .csv, .txt or .parquet file, or the folder of a LeRobot '
                         'data set')
     _add_recording_output(parser)
     group = parser.add_argument_group('columns')

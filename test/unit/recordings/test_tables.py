@@ -1,11 +1,8 @@
 """Conversion of tables with any columns, units and signs, and its errors."""
 
-import pickle
-
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS
 from gravity_comp_ros.recordings.table import read_table, TableOptions
-from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
@@ -149,67 +146,10 @@ def test_wrong_number_of_joints(tmp_path, options):
         read_table(csv(tmp_path, GOOD), TableOptions(**options))
 
 
-def test_npz(tmp_path):
-    path = tmp_path / 'x.npz'
-    np.savez(path, t=T, q=Q, tau=TAU, qd=-Q, names=['a', 'b'], label='ignored')
-    topic = read_table(path).topic
-    assert topic.joints == ('a', 'b')
-    np.testing.assert_array_equal(topic.velocity, -Q)
-    np.testing.assert_array_equal(topic.effort, TAU)
-    np.savez(path, clock=T, pos=Q, current=TAU)
-    topic = read_table(path, TableOptions(time='clock', position='pos', effort='current')).topic
-    np.testing.assert_array_equal(topic.position, Q)
-
-
-class Unpicklable:
-    """An object that fails the test when it is unpickled."""
-
-    def __reduce__(self):
-        return (pytest.fail, ('a pickle was loaded',))
-
-
-def test_npz_is_never_unpickled(tmp_path):
-    path = tmp_path / 'x.npz'
-    np.savez(path, q=np.array([Unpicklable()], dtype=object), tau=TAU)
-    with pytest.raises(BagError, match='pickled objects'):
-        read_table(path)
-    path.write_bytes(pickle.dumps(Unpicklable()))
-    with pytest.raises(BagError):
-        read_table(path)
-
-
-@pytest.mark.parametrize(('arrays', 'message'), [
-    ({'q': Q, 'tau': TAU[:2], 't': T}, 'different lengths'), ({}, 'no arrays of numbers'),
-    ({'q': Q, 'tau': TAU}, 'no column of time'),
-    ({'q': Q, 'tau': TAU, 't': T, 'names': [1, 2]}, 'names must be a list'),
-    ({'q': Q, 'tau': np.array([[1, 2], [3, np.nan], [5, 6]]), 't': T}, 'row 2, column tau_2'),
-    ({'q': Q, 'tau': TAU, 't': T[::-1]}, 'row 2: time does not increase')])
-def test_bad_npz(tmp_path, arrays, message):
-    path = tmp_path / 'x.npz'
-    np.savez(path, **arrays)
-    with pytest.raises(BagError, match=message):
-        read_table(path)
-
-
-@given(st.data())
-def test_damaged_npz_never_crashes(tmp_path_factory, data):
-    path = tmp_path_factory.mktemp('x') / 'x.npz'
-    np.savez(path, t=T, q=Q, tau=TAU)
-    raw = bytearray(path.read_bytes())
-    raw[data.draw(st.integers(0, len(raw) - 1))] ^= data.draw(st.integers(1, 255))
-    path.write_bytes(raw[:data.draw(st.integers(0, len(raw)))])
-    try:
-        read_table(path)
-    except (BagError, OptionError) as error:
-        assert '\n' not in str(error)
-
-
 def test_unreadable_files(tmp_path):
-    for name in ('none.csv', 'none.npz'):
+    for path in (tmp_path / 'none.csv', tmp_path):
         with pytest.raises(BagError, match='cannot read'):
-            read_table(tmp_path / name)
-    with pytest.raises(BagError, match='cannot read'):
-        read_table(tmp_path)
+            read_table(path)
     path = tmp_path / 'x.csv'
     path.write_bytes(b'\xff\xfe\x00\x01')
     with pytest.raises(BagError, match='not a text file'):
