@@ -12,9 +12,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.printable import counted, shown_names
-from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, robot_description
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
-from gravity_comp_ros.recordings.robot_description import robot_description
 
 
 def run(args: argparse.Namespace) -> Answer:

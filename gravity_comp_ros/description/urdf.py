@@ -92,7 +92,7 @@ def find_description(urdf: Path | str | None, recordings: Collection[Path | str]
     if not recordings:
         return None
     # Imports file-format libraries, which arrays do not need.
-    from gravity_comp_ros.recordings.robot_description import first_description
+    from gravity_comp_ros.recordings.bag import first_description
     recorded = first_description(recordings)
     return None if recorded is None else Description(recorded.text, recorded.source)
 

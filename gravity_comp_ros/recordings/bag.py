@@ -1,22 +1,35 @@
-"""Joint states from MCAP files, rosbag2 folders and .db3 files."""
+"""
+Joint states and the robot description of MCAP files, rosbag2 folders and .db3 files.
+
+robot_state_publisher publishes the URDF once as a transient-local std_msgs/String, which a
+recorder of all topics stores.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+import struct
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError, ModelMismatchError
 from gravity_comp_ros.recordings.cleaning import Cleaning, listed
 from gravity_comp_ros.recordings.joint_columns import Columns
+from gravity_comp_ros.recordings.messages import Storage
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import open_storage
 from gravity_comp_ros.recordings.topic_choice import choose_joints, choose_topic, named_joints
 import numpy as np
 
-__all__ = ['joint_goals', 'joint_positions', 'read_bag', 'ReadOptions', 'ReadReport', 'Recording']
+__all__ = ['decode_string', 'encode_string', 'first_description', 'joint_goals',
+           'joint_positions', 'read_bag', 'ReadOptions', 'ReadReport', 'RecordedDescription',
+           'Recording', 'robot_description', 'STRING']
+
+STRING = 'std_msgs/msg/String'
+TOPIC = '/robot_description'
+_MAX_BYTES = 32 * 2 ** 20
 
 
 def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recording:
@@ -122,3 +135,79 @@ def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) 
                    position_unit=unit if isinstance(unit, str) else by_name(unit, 'unit'),
                    rated_torque=by_name(options.rated_torque, 'rated torque'),
                    reverse=named(options.reverse, 'reversed'))
+
+
+@dataclass(frozen=True)
+class RecordedDescription:
+    """Text of a URDF, with its topic and recording."""
+
+    text: str
+    topic: str
+    path: Path
+
+    @property
+    def source(self) -> str:
+        """Name of the description in messages."""
+        return f'{self.topic} in {self.path.name or self.path.resolve().name}'
+
+
+def robot_description(path: Path | str) -> RecordedDescription | None:
+    """
+    Return the latest message on /robot_description, None if there is none.
+
+    Without that topic, the only topic of this name in a namespace is used.
+
+    :raises BagError: if the recording cannot be read, or the message is damaged.
+    """
+    path = Path(path)
+    with open_storage(path) as storage:
+        topic = _topic(storage)
+        if topic is None:
+            return None
+        latest = b''
+        for batch in storage.batches(topic):
+            latest = batch.message(-1)
+    if not latest:
+        return None
+    try:
+        return RecordedDescription(decode_string(latest), topic, path)
+    except ValueError as problem:
+        raise BagError(f'{path}, topic {topic}: the robot description cannot be decoded: '
+                       f'{problem}') from None
+
+
+def first_description(paths: Iterable[Path | str]) -> RecordedDescription | None:
+    """
+    Return the description of the first recording that contains one.
+
+    :raises BagError: as `robot_description`.
+    """
+    return next((found for path in paths if (found := robot_description(path))), None)
+
+
+def decode_string(data: bytes) -> str:
+    """
+    Return the text of a std_msgs/String in plain CDR.
+
+    :raises ValueError: if the bytes are not such a message.
+    """
+    if len(data) < 8 or data[0] != 0 or data[1] not in (0, 1):
+        raise ValueError('not plain CDR')
+    (length,) = struct.unpack_from('<I' if data[1] else '>I', data, 4)
+    if length > _MAX_BYTES or 8 + length > len(data):
+        raise ValueError('the text ends after the message')
+    return data[8:8 + length].rstrip(b'\0').decode('utf-8')
+
+
+def encode_string(text: str) -> bytes:
+    """Return a std_msgs/String in plain CDR."""
+    data = text.encode() + b'\0'
+    return b'\0\1\0\0' + struct.pack('<I', len(data)) + data
+
+
+def _topic(storage: Storage) -> str | None:
+    topics = {topic.name for topic, count in storage.topics.items()
+              if topic[1:] == (STRING, 'cdr') and count and topic.name.endswith(TOPIC)}
+    if TOPIC in topics:
+        return TOPIC
+    return topics.pop() if len(topics) == 1 else None

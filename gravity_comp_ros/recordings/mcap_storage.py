@@ -14,9 +14,8 @@ import struct
 import zlib
 
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.recordings.compression import decompressed
 from gravity_comp_ros.recordings.messages import (
-    Batch, batched, Bytes, Places, Storage, StoredTopic)
+    Batch, batched, Bytes, decompressed, Places, Storage, StoredTopic)
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema

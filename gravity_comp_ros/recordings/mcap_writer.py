@@ -14,10 +14,10 @@ from typing import BinaryIO
 from gravity_comp_ros.atomic import replacing
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.recordings.bag import (
+    encode_string, RecordedDescription, STRING)
 from gravity_comp_ros.recordings.joint_state_cdr import (
     encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH)
-from gravity_comp_ros.recordings.robot_description import (
-    encode_string, RecordedDescription, STRING)
 from mcap.writer import CompressionType, Writer
 import numpy as np
 

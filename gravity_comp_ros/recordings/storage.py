@@ -15,10 +15,10 @@ from typing import Any
 
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.printable import counted
-from gravity_comp_ros.recordings.compression import (
-    CompressionError, decompress_file, decompressed, MAX_MESSAGE, ZSTD_MAGIC)
 from gravity_comp_ros.recordings.mcap_storage import MAGIC, McapStorage
-from gravity_comp_ros.recordings.messages import Batch, batched, Storage
+from gravity_comp_ros.recordings.messages import (
+    Batch, batched, CompressionError, decompress_file, decompressed, MAX_MESSAGE, Storage,
+    ZSTD_MAGIC)
 from gravity_comp_ros.recordings.sqlite_storage import SqliteStorage
 
 _SQLITE_MAGIC = b'SQLite format 3\0'

@@ -11,9 +11,9 @@ from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
-from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.bag import (
+    read_bag, ReadOptions, RecordedDescription, robot_description)
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
-from gravity_comp_ros.recordings.robot_description import RecordedDescription, robot_description
 import numpy as np
 import pytest
 

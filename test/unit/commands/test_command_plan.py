@@ -8,9 +8,8 @@ from bench.shared.planning_arm import model, NAMES, one_way
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.planning.trajectory_files import read_trajectory
-from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.recordings.bag import read_bag, RecordedDescription
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
-from gravity_comp_ros.recordings.robot_description import RecordedDescription
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pytest

@@ -5,10 +5,9 @@ from bench.shared.recordings import messages, START_NS, STORE, write_folder
 from gravity_comp_ros.description.joint_order import (
     AS_RECORDED, DESCRIPTION, joint_order, JointOrder, NUMBERS, WORDS)
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.recordings.bag import joint_positions
+from gravity_comp_ros.recordings.bag import (
+    decode_string, encode_string, first_description, joint_positions, robot_description)
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
-from gravity_comp_ros.recordings.robot_description import (
-    decode_string, encode_string, first_description, robot_description)
 from hypothesis import given, strategies
 import numpy as np
 import pytest

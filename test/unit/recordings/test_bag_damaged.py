@@ -11,11 +11,11 @@ from bench.shared.recordings import (
 from gravity_comp_ros.errors import BagError, GravityCompError
 from gravity_comp_ros.recordings import mcap_writer
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
-from gravity_comp_ros.recordings.compression import (
-    CompressionError, decompressed, ZSTD_MAGIC)
 from gravity_comp_ros.recordings.joint_columns import UNDECODABLE
 from gravity_comp_ros.recordings.joint_state_cdr import encode
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+from gravity_comp_ros.recordings.messages import (
+    CompressionError, decompressed, ZSTD_MAGIC)
 import lz4.frame
 from mcap.writer import CompressionType, IndexType, Writer
 import numpy as np
