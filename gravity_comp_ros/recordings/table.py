@@ -9,12 +9,11 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
-from gravity_comp_ros.recordings.table_columns import (
-    Columns, find_columns, has_columns, named_columns)
 from gravity_comp_ros.recordings.table_files import (
     is_parquet, read_csv, read_parquet, Table)
 from gravity_comp_ros.recordings.table_layouts import (
-    JOINED_TIME, known_layout, merged_rows, ROSTOPIC_TIME)
+    Columns, find_columns, has_columns, JOINED_TIME, known_layout, merged_rows, named_columns,
+    ROSTOPIC_TIME)
 from gravity_comp_ros.recordings.table_units import (
     check_angles, check_seconds, check_velocity, decoded)
 from gravity_comp_ros.recordings.units import (
