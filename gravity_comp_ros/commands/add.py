@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from dataclasses import replace
 import shlex
 
@@ -13,7 +12,7 @@ from gravity_comp_ros.commands import next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.estimation.refit import HeldOut, Refit
+from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 
@@ -46,7 +45,6 @@ def _undo(args: argparse.Namespace, model: GravityModel) -> Answer:
 def _add(args: argparse.Namespace, model: GravityModel) -> Answer:
     effects = args.effects.split(',')
     requests(effects, model.joints)  # report a misspelt name before bags are read
-    refitting.check_holdout(args, model)
     args.joints = model.joints
     with terminal.progress() as report:
         recording = replace(reading.load(args, report, is_gated=False),
@@ -54,7 +52,6 @@ def _add(args: argparse.Namespace, model: GravityModel) -> Answer:
         fitted = with_enough_motion(recording)
         result = add_to_model(model, fitted, effects, report)
     reports = recording.reports
-    holdout = refitting.held_out_errors(model, result.model, recording) if args.holdout else {}
     if not args.dry_run:
         save_model(args.model, result.model)
     warnings = refitting.warnings(result)
@@ -62,11 +59,8 @@ def _add(args: argparse.Namespace, model: GravityModel) -> Answer:
         'model': str(args.model), 'written': not args.dry_run, **result.to_json(),
         'warnings': warnings,
         'ties': [_tie(*tie) for tie in result.ties.items()],
-        'on_holdout': {name: {'rmse_before': error.before, 'rmse_after': error.after,
-                              'torque_std': error.torque_range}
-                       for name, error in holdout.items()} if args.holdout else None,
         **fitted.to_json()}
-    return Answer(document, _lines(args, result, fitted, holdout), [
+    return Answer(document, _lines(args, result, fitted), [
         *filter(None, [fitted.ungated]), *reading.scale_warnings(model, reports), *warnings])
 
 
@@ -77,13 +71,9 @@ def _tie(name: str, others: tuple[str, ...]) -> dict[str, object]:
     return {'effect': effect, 'joint': joint or None, 'rivals': others, 'settled_by': experiment}
 
 
-def _lines(args: argparse.Namespace, result: Refit, recording: Recording,
-           holdout: Mapping[str, HeldOut]) -> list[terminal.Line]:
+def _lines(args: argparse.Namespace, result: Refit, recording: Recording
+           ) -> list[terminal.Line]:
     lines = [*reading.lines(recording, thinned=False), *refitting.lines(result)]
-    if holdout:
-        lines += ['', refitting.errors_table(
-            'error on the data held out by `fit --holdout`: N·m, and share of the standard '
-            'deviation of the torque', holdout)]
     lines += [f'{name} is ambiguous: {", ".join(others)} explains these recordings equally well. '
               f'Motion that distinguishes them: {_tie(name, others)["settled_by"]}'
               for name, others in result.ties.items()]

@@ -12,7 +12,7 @@ from gravity_comp_ros.commands import html, next_step, reading, refitting, termi
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.evaluation.compare import Comparison, JointComparison
 from gravity_comp_ros.evaluation.drift import Drift, drift
 from gravity_comp_ros.facts.options import FactOptions
@@ -109,14 +109,16 @@ def _unseen(args: argparse.Namespace, model: GravityModel,
     fitted = reading.fitted_names(model, recording.reports)
     if not args.holdout:
         return recording, fitted
-    refitting.check_holdout(args, model)
+    if not (model.provenance.get('holdout') or {}).get('blocks'):
+        raise OptionError(f'{args.model} was fitted without --holdout: fit it with --holdout')
     recording = replace(recording, gate=refitting.fitted_gate(args, model))
     unfitted = [Block(run, -float('inf'), float('inf'))
                 for run, report in enumerate(recording.reports) if report.path.name not in fitted]
     blocks = held_out_blocks(model, recording.reports)
     selected = replace(recording, use=within(recording.samples, [*unfitted, *blocks]))
     if not selected.slow.n_samples:
-        raise DataError(refitting.NOTHING_HELD_OUT)
+        raise DataError('the model was fitted to all of these bags: none of their data was held '
+                        'out')
     return selected, []
 
 

@@ -100,11 +100,8 @@ def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityM
 
 def _model(args: argparse.Namespace) -> GravityModel | None:
     if args.model is None:
-        if args.holdout:
-            args.parser.error('--holdout requires --model')
         return None
     model = load_model(args.model)
-    refitting.check_holdout(args, model)
     if args.joints is not None and set(args.joints) != set(model.joints):
         raise OptionError('--joints: the joints are those of the model '
                           f'({", ".join(model.joints)}); omit --joints')

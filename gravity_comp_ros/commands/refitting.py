@@ -1,4 +1,4 @@
-"""Joint refits of gravity and effects, and the data held out by `fit --holdout`."""
+"""Joint refits of gravity and effects: their samples, lines about them, and undo."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import compare_model, held_out_blocks, not_held_out
+from gravity_comp_ros.api.steps import held_out_blocks, not_held_out
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.arguments import gate
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.data.holdout import within
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import DataError, OptionError
@@ -22,18 +21,6 @@ from gravity_comp_ros.models.history import now, undone
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from rich.table import Table
-
-NOTHING_HELD_OUT = 'the model was fitted to all of these bags: none of their data was held out'
-
-
-def check_holdout(args: argparse.Namespace, model: GravityModel) -> None:
-    """
-    Check that the fit of a model held out data, if --holdout is given.
-
-    :raises OptionError: if it did not.
-    """
-    if args.holdout and not (model.provenance.get('holdout') or {}).get('blocks'):
-        raise OptionError(f'{args.model} was fitted without --holdout: fit it with --holdout')
 
 
 def fitted_gate(args: argparse.Namespace, model: GravityModel) -> GateOptions | None:
@@ -50,23 +37,6 @@ def without_held_out(model: GravityModel, recording: Recording) -> Recording:
     if not held_out_blocks(model, recording.reports):
         return recording
     return replace(recording, use=not_held_out(model, recording))
-
-
-def held_out_errors(before: GravityModel, after: GravityModel,
-                    recording: Recording) -> dict[str, HeldOut]:
-    """
-    Return the errors of two models by joint, on the data held out of the fit of the first, in N·m.
-
-    They are relative to the standard deviation of the torque.
-
-    :raises DataError: if no data of these recordings was held out.
-    """
-    use = within(recording.samples, held_out_blocks(before, recording.reports))
-    if not use.any():
-        raise DataError(NOTHING_HELD_OUT)
-    part = replace(recording, use=use)
-    old, new = (compare_model(model, part).joints for model in (before, after))
-    return {name: HeldOut(old[name].rmse, new[name].rmse, new[name].torque_std) for name in old}
 
 
 def errors_table(title: str, errors: Mapping[str, HeldOut]) -> Table:

@@ -105,9 +105,6 @@ def diagnose(parser: argparse.ArgumentParser) -> None:
                         required=False)
     parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list,
                         help='test these effects only (default: all known effects)')
-    parser.add_argument('--holdout', action='store_true',
-                        help='require that `fit --holdout` held out data; with --model that '
-                        'data is always excluded')
     arguments.add_description(parser, f'{arguments.DRAWN}; without --model, also the joint axes',
                               fixed=False)
 
@@ -121,7 +118,8 @@ examples:
   gravity_comp add --undo --model arm.json
 
 Gravity and effects are fitted jointly, to the samples that pass the gate of `fit` unless another
-is named. Errors are held-out errors, of whole runs or of blocks of time. If another effect
+is named, without the data that `fit --holdout` held out. Errors are held-out errors, of whole runs
+or of blocks of time. If another effect
 explains the recordings equally well, `add` lists it. docs/effects.md describes every effect.
 """, arguments.add_json)
 def add(parser: argparse.ArgumentParser) -> None:
@@ -134,9 +132,6 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--undo', action='store_true',
                         help='remove the last addition; needs no bag')
     parser.add_argument('--dry-run', action='store_true', help='show the result, write nothing')
-    parser.add_argument('--holdout', action='store_true',
-                        help='also show the error on the data that `fit --holdout` held out; '
-                        'that data is never fitted')
     arguments.add_gate(parser, 'fitted samples (default: those of the gate of `fit`)')
     arguments.add_reading(parser, joints=False)
     parser.set_defaults(output=None, rewrites_model=True)
