@@ -13,8 +13,8 @@ from gravity_comp_ros.commands import arguments, next_step, reading, refitting, 
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
+from gravity_comp_ros.estimation.update_step import PayloadEstimate
 from gravity_comp_ros.export.payload_lines import in_frame, load_of, millimetres
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.model_file import load_model, save_model

@@ -2,9 +2,9 @@
 Few-sample update of a model after a payload change.
 
 A payload changes few moments of a chain. All other coefficients keep their values and their
-uncertainty (`update_step`). With known link lengths a payload is only four parameters
-(`payload_estimate`); the model changes by these unless the samples show a different change. A
-potential is changed as the chain that explains it (`chain_of_model`).
+uncertainty. With known link lengths a payload is only four parameters; the model changes by these
+unless the samples show a different change (`update_step`). A potential is changed as the chain
+that explains it (`chain_of_model`).
 """
 
 from __future__ import annotations
@@ -23,10 +23,9 @@ from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_of_model import as_chain, on_axes
 from gravity_comp_ros.estimation.chain_update import NewSamples
 from gravity_comp_ros.estimation.options import OPTIONS
-from gravity_comp_ros.estimation.payload_estimate import estimate_payload
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails
-from gravity_comp_ros.estimation.update_step import changed_model, UpdateStep
+from gravity_comp_ros.estimation.update_step import changed_model, estimate_payload, UpdateStep
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics

@@ -8,8 +8,7 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.fit_report import std_over_poses, uncertainty_warning
-from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
-from gravity_comp_ros.estimation.update_step import UpdateStep
+from gravity_comp_ros.estimation.update_step import PayloadEstimate, UpdateStep
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse.admm import AdmmResult
 from gravity_comp_ros.regression.options import EngineOptions

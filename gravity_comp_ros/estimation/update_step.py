@@ -1,20 +1,56 @@
-"""Change of a chain by new samples, without and with known link lengths."""
+"""
+Change of a chain by new samples, without and with known link lengths.
+
+With them it is a payload. Its gravity torque is linear in its mass m and its first moment m c
+(Yu 2022, Eq. (19), has the same four parameters for every link). They are fitted jointly with a
+step u of the old model within its covariance C:
+
+    tau - g_old(q) = T(q) [m, m c] + J(q) u + noise,    u ~ N(0, C),
+
+so that their intervals include the old model's uncertainty and the noise of the new samples.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.chain_update import NewSamples, Trial, update_chain
 from gravity_comp_ros.estimation.options import OPTIONS
-from gravity_comp_ros.estimation.payload_estimate import estimate_payload, PayloadEstimate
 from gravity_comp_ros.estimation.payload_path import path_moments
+from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.sparse_change import Change
 import numpy as np
+
+_DRAWS = 4000
+
+
+@dataclass(frozen=True)
+class PayloadEstimate:
+    """
+    A payload: its `mass` in kg, and its `centre` in m by axis in the coordinates of `link`.
+
+    The centre is None if the mass does not differ from 0. A removed payload has a negative mass.
+    """
+
+    link: str
+    mass: Quantity
+    centre: Mapping[str, Quantity] | None
+
+
+@dataclass(frozen=True)
+class LoadedChain:
+    """The chain with the payload, the covariance of a step from it, and the payload."""
+
+    chain: Chain
+    covariance: FloatArray
+    payload: PayloadEstimate
 
 
 @dataclass(frozen=True)
@@ -84,3 +120,44 @@ def _chain_step(model: GravityModel, new: NewSamples,
 
 def _with_chain(model: GravityModel, chain: Chain, covariance: FloatArray) -> GravityModel:
     return replace(model, torques=(), energy=expand(chain), chain=chain, covariance=covariance)
+
+
+def estimate_payload(chain: Chain, covariance: FloatArray, new: NewSamples,
+                     geometry: Geometry) -> LoadedChain:
+    """
+    Return the chain with the payload that best explains the new samples.
+
+    :param chain: on the axes of `geometry`; of the arm before the change.
+    :param covariance: of a step from the chain (4N, 4N).
+    """
+    n = chain.n_joints
+    # Rows: chain step per unit of [m, m c]; then of every coefficient, payload and step u.
+    payload_steps = np.hstack([np.zeros((4, 2 * n)), geometry.tool_moments()])
+    columns = new.columns(chain)
+    regressor = np.concatenate([payload_steps @ columns, columns])
+    payload_std = np.array([1.0, *3 * [OPTIONS.distance]]) * OPTIONS.mass
+    prior = np.zeros((4 + 4 * n, 4 + 4 * n))
+    prior[:4, :4] = np.diag(payload_std ** 2)
+    prior[4:, 4:] = covariance
+    # Written with the prior covariance, not its inverse: that of exactly known axes is singular.
+    inverse = np.linalg.inv(np.eye(len(prior)) + prior @ (regressor @ regressor.T))
+    posterior = inverse @ prior
+    posterior = 0.5 * (posterior + posterior.T)
+    coefficients = posterior @ (regressor @ new.residual(chain))
+    to_step = np.hstack([payload_steps.T, np.eye(4 * n)])
+    step_covariance = to_step @ posterior @ to_step.T
+    return LoadedChain(chain.moved(to_step @ coefficients), step_covariance,
+                       _mass_and_centre(coefficients[:4], posterior[:4, :4], geometry.link))
+
+
+def _mass_and_centre(mean: FloatArray, covariance: FloatArray, link: str) -> PayloadEstimate:
+    """Return mass and centre with 95 % intervals from the posterior of [m, m c]."""
+    value, sigma = float(mean[0]), float(np.sqrt(covariance[0, 0]))
+    mass = Quantity(value, 'kg', (value - HALF_95 * sigma, value + HALF_95 * sigma))
+    if abs(value) < OPTIONS.significant * sigma:
+        return PayloadEstimate(link, mass, None)
+    draws = np.random.default_rng(0).multivariate_normal(mean, covariance, _DRAWS)
+    low, high = np.percentile(draws[:, 1:] / draws[:, :1], [2.5, 97.5], axis=0)
+    return PayloadEstimate(link, mass, {
+        axis: Quantity(float(mean[k] / value), 'm', (float(low[k - 1]), float(high[k - 1])))
+        for k, axis in enumerate('xyz', start=1)})
