@@ -3,14 +3,15 @@ Estimate of gravity, dynamics and effects: the choice of the shared part, and it
 
 Without a robot description the shared part is a chain whose axes are estimated; with one it is
 the rigid-body regressor on the described axes. `potential` and `per_joint` are sparse sums of the
-dictionary, whose support ADMM selects (Yu 2022, Eqs. 8-14), with the effects that were found on
-a chain. `auto` compares the potential with a chain whose residual is neither white nor small.
+dictionary, whose support ADMM selects (Yu 2022, Eqs. 8-14). `auto` compares the potential with a
+chain whose residual is neither white nor small.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -139,7 +140,10 @@ def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
     work = _Work(problem, options, old if old and old.joints == samples.names else None, forced,
                  tested, progress or (lambda word, share: None))
     work.report('fit', 0.0)
-    result = work.estimate()
+    if options.formulation in ('potential', 'per_joint'):
+        result = work.sparse(options.formulation, 'it was requested')
+    else:
+        result = work.chain_or_potential()
     work.report('fit', 1.0)
     return result
 
@@ -149,8 +153,8 @@ def estimate_again(earlier: Estimate, options: FitOptions, samples: JointSamples
     """
     Return an estimate with the terms of an earlier one; no effect is searched for.
 
-    :param samples: other samples, for which a chain begins at a new start of its axes; None for
-        those of the earlier estimate.
+    :param samples: other samples, for which a chain begins at a new start of its axes, and a
+        sparse formulation with a new support; None for those of the earlier estimate.
     :param formulation: a sparse formulation; '' for that of the earlier estimate.
     :raises FitError: if there are too few samples, or no joint moves.
     """
@@ -162,7 +166,9 @@ def estimate_again(earlier: Estimate, options: FitOptions, samples: JointSamples
                  options, None, frozenset(), tuple(all_effects().values()),
                  lambda word, share: None)
     if samples is not None:
-        known = work.regress_terms(work.start_of(earlier.geometry), known)
+        start = work.start_of(earlier.geometry) if formulation == 'chain' \
+            else work.first_support(formulation)
+        known = work.regress_terms(start, known.terms)
     if formulation == 'chain':
         return replace(earlier, regression=known)
     return work.sparse_with(known, formulation, why)
@@ -179,18 +185,19 @@ class _Work:
     effects: tuple[Effect, ...]
     report: Progress
 
-    def estimate(self) -> Estimate:
-        """Return the chain, or a sparse formulation if it was requested or predicts better."""
-        formulation = self.options.formulation
+    def chain_or_potential(self) -> Estimate:
+        """Return the chain, or the potential if that predicts held-out samples better."""
         chain, warning = self._chain()
-        if formulation in ('potential', 'per_joint'):
-            return self.sparse_with(chain, formulation, 'it was requested', self.effects)
-        why = 'it was requested' if formulation == 'chain' else self._accepted(chain)
+        why = 'it was requested' if self.options.formulation == 'chain' else self._accepted(chain)
         if why:
             return Estimate(chain, 'chain', why, warning=warning)
-        potential = self.sparse_with(chain, 'potential', '', self.effects)
-        errors = {each.formulation: held_out_ratio(each.regression, chain.noise)
-                  for each in (Estimate(chain, 'chain', ''), potential)}
+        errors = {'chain': held_out_ratio(chain, chain.noise)}
+        # Its own effects are searched for only where it is the better one with those of the chain.
+        for sparse in (partial(self.sparse_with, chain), self.sparse):
+            potential = sparse('potential', '')
+            errors['potential'] = held_out_ratio(potential.regression, chain.noise)
+            if errors['potential'] >= errors['chain']:
+                break
         best, other = sorted(errors, key=lambda name: errors[name])
         why = (f'on held-out samples the error of the {best} is {errors[best]:.2f} and that of '
                f'the {other} {errors[other]:.2f} times the noise')
@@ -250,19 +257,29 @@ class _Work:
         """Return a start with its moments, on which the columns of some effects depend."""
         return with_common_terms(self.problem, shared, self.effects).shared
 
-    def sparse_with(self, known: Regression, formulation: str, why: str,
-                    tested: Sequence[Effect] = ()) -> Estimate:
+    def sparse(self, formulation: str, why: str) -> Estimate:
         """
-        Return the estimate on a support of the dictionary, with the terms of a regression.
+        Return the estimate on a support of the dictionary.
 
-        ADMM selects the support from the torque without the effects of motion of these terms:
-        static ones would explain the gravity that the support misses.
-
-        :param tested: the effects with which the terms may be ambiguous.
+        A first support is selected from the torque of the rows, friction included. The second is
+        selected from the torque without the terms of a first regression on it. Those are effects
+        of motion: static ones would explain the gravity that the first support misses.
         """
         self.report('ADMM', 0.5)
+        moving = tuple(effect for effect in self.effects if not effect.is_static)
+        first = replace(self, effects=moving).regress(self.first_support(formulation))
+        shared, fits = self._support(formulation, torque_at_rest(first))
+        return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
+
+    def sparse_with(self, known: Regression, formulation: str, why: str) -> Estimate:
+        """Return the same with the terms of a regression of these rows, not searched for again."""
+        self.report('ADMM', 0.5)
         shared, fits = self._support(formulation, torque_at_rest(known))
-        return Estimate(self.regress_terms(shared, known, tested), formulation, why, fits=fits)
+        return Estimate(self.regress_terms(shared, known.terms), formulation, why, fits=fits)
+
+    def first_support(self, formulation: str) -> Shared:
+        """Return the support of the torque of the rows, friction included."""
+        return self._prepared(self._support(formulation, self.problem.y)[0])
 
     def _support(self, formulation: str, torque: FloatArray
                  ) -> tuple[Shared, tuple[SparseFit, ...]]:
@@ -274,15 +291,18 @@ class _Work:
         torques, fits = fit_per_joint(rows, fold)
         return Torques(torques), tuple(fits)
 
-    def regress(self, shared: Shared) -> Regression:
+    def regress(self, shared: Shared, start: Iterable[Term] = ()) -> Regression:
         """
-        Return the regression with the terms of the old model as its start and the forced ones.
+        Return the regression from a start, with the terms of the old model and the forced ones.
 
         A forced term that the search does not find is added at its best setting.
         """
-        terms = () if self.old is None else self._terms_of(shared, self.old)
+        terms, is_selected = tuple(start), False
+        if not terms and self.old is not None:
+            terms = self._terms_of(shared, self.old)
+            is_selected = bool(terms)
         present = self.forced & {term.key for term in terms}
-        first = regress(self.problem, shared, self.effects, terms, present, bool(terms))
+        first = regress(self.problem, shared, self.effects, terms, present, is_selected)
         missing = self._forced_terms(first, self.forced - {term.key for term in first.terms})
         if not missing:
             return first
@@ -308,24 +328,19 @@ class _Work:
                 terms.append(factory.term(effect, joint, one.setting, max(len(settings), 1)))
         return tuple(terms)
 
-    def regress_terms(self, shared: Shared, known: Regression,
-                      tested: Sequence[Effect] = ()) -> Regression:
+    def regress_terms(self, shared: Shared, terms: Iterable[Term]) -> Regression:
         """
-        Return the regression with the terms of another one alone, with their columns here.
+        Return the regression with given terms alone, with their columns on these samples.
 
-        Those that are testable there and not here, such as a payload without a chain, are left
-        out.
-
-        :param tested: the effects with which the terms may be ambiguous.
+        Those that are not testable here, such as a payload without a chain, are left out.
         """
-        here, there = self.problem.factory(shared), known.problem.factory(known.shared)
-        own = [here.term(term.effect, term.joint, term.setting) for term in known.terms
-               if not here.settings(term.effect, term.joint)[1]
-               or there.settings(term.effect, term.joint)[1]]
+        factory = self.problem.factory(shared)
+        own = [factory.term(term.effect, term.joint, term.setting) for term in terms
+               if not factory.settings(term.effect, term.joint)[1]]
         keys = frozenset(term.key for term in own)
         own = [term for term in own if not term.parents or term.parents & keys]
-        return regress(self.problem, shared, tested, own, frozenset(term.key for term in own),
-                       is_selected=True, is_complete=True)
+        return regress(self.problem, shared, (), own, frozenset(term.key for term in own),
+                       is_selected=True)
 
     def _forced_terms(self, first: Regression, keys: Iterable[Key]) -> tuple[Term, ...]:
         """Return terms of forced effects, where testable, at the settings of largest gain."""

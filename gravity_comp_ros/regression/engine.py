@@ -82,7 +82,7 @@ class Regression:
 
 def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
             start: Iterable[Term] = (), forced: frozenset[Key] = frozenset(),
-            is_selected: bool = False, is_complete: bool = False,
+            is_selected: bool = False,
             log: Callable[[str], None] = lambda text: None) -> Regression:
     """
     Return the regression of a problem.
@@ -93,7 +93,6 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     :param forced: keys of terms that stay in the model.
     :param is_selected: whether the start was selected among all effects. Otherwise the axes are
         estimated before effects that resemble a wrong axis are selected.
-    :param is_complete: whether no other term is added; the effects are alternatives only.
     """
     options, shared, terms = problem.options, shared.renewed(), tuple(start)
     fit = Linear.at(problem, shared, problem.factory(shared), terms, problem.weights)
@@ -106,7 +105,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     for number in range(int(is_selected), max(options.passes, 1 + is_selected)):
         tested = effects if number else [e for e in effects if not e.resembles_gravity]
         search = _search(fit, tested, forced, log)
-        changed = not is_complete and run(search, with_exchanges=number > 0)
+        changed = run(search, with_exchanges=number > 0)
         fit, steps, converged = gauss_newton(fit.selected(search.posterior))
         log(f'pass {number}: {len(search.terms)} terms')
         if number and not changed:
