@@ -18,6 +18,8 @@ Setting = Mapping[str, float]
 # Part of its cell beyond which a neighbour is as far as the first ones: a parameter with separate
 # values, such as a number of harmonics.
 _NEAR = 0.4
+# Smallest share of a cell.
+_SMALLEST = 1e-9
 
 
 def log_volume(best: Setting, cell: Iterable[Setting],
@@ -48,4 +50,5 @@ def _of_parameter(value: float, ends: Sequence[float],
     if distance > _NEAR * size:
         return 0.0
     width = distance / fall if len(near) == 1 else distance * np.sqrt(np.pi / fall)
-    return min(0.0, float(np.log(width / size)))
+    # A neighbour that the other terms explain has no gain at all.
+    return min(0.0, float(np.log(max(width / size, _SMALLEST))))

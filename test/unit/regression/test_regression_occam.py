@@ -37,6 +37,7 @@ def test_settings_that_the_data_do_not_determine_or_that_are_separate_cost_nothi
     separate = [(50.0, {'start': 2.0}), (50.0, {'start': 4.0})]
     assert log_volume({'start': 3.0}, CELL, separate) == 0.0
     assert log_volume({'side': 1.0}, [], []) == 0.0
+    assert np.isfinite(log_volume({'start': 3.0}, CELL, [(np.inf, {'start': 2.999})]))
     # The ends of the cell are outside of the limits.
     assert log_volume({'start': 3.0}, [], flat) == 0.0
 
