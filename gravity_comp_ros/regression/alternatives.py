@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.regression.gains import gain_of, score_of
 from gravity_comp_ros.regression.posterior import Posterior
-from gravity_comp_ros.regression.search import Search, Terms
+from gravity_comp_ros.regression.search import Search
 from gravity_comp_ros.regression.term import is_consistent, Key, Term, with_children_of
 import numpy as np
 from scipy.special import expit
@@ -89,31 +89,12 @@ def _replacing(search: Search, term: Term, others: Iterable[Term]) -> list[Alter
             continue
         trial = search.solved(terms)
         if trial.log_evidence > search.posterior.log_evidence - search.options.near:
-            trial = max(trial, search.solved(_with_refined(search, terms, other)),
+            trial = max(trial, search.with_refined(trial, {other.joint}, from_compared=True),
                         key=lambda each: each.log_evidence)
         at = next(t for t in trial.terms if t.key == other.key)
         results.append(Alternative(trial.log_evidence + _log_share_plausible(trial, at),
                                    at, trial))
     return sorted(results, key=lambda each: -each.log_evidence)
-
-
-def _with_refined(search: Search, terms: Terms, new: Term) -> Terms:
-    """
-    Return terms with the settings of a new one, and of others on its joint, refined.
-
-    The law of friction that was selected with the replaced term may be another one.
-    """
-    for term in terms:
-        if term.joint == new.joint and term.key not in search.forced:
-            without, pool = search.solved(terms).without((term,)), search.pool_of(term)
-            rest = tuple(t for t in terms if t is not term)
-            ranking = search.ranking(without, pool, rest, -np.inf, term.key)
-            other = next((other for _, other in ranking if other.kind == term.kind), term)
-            best, _ = max((search.refined(without, start)
-                           for start in dict.fromkeys((term, other))),
-                          key=lambda each: each[1])
-            terms = tuple(best if t is term else t for t in terms)
-    return terms
 
 
 def _log_share_plausible(posterior: Posterior, term: Term) -> float:

@@ -99,7 +99,7 @@ class KnownAxes(Shared):
     @property
     def chain(self) -> Chain:
         """Return gravity as a chain on these axes."""
-        moments = self.geometry.moments()[:, kept_parameters(self.geometry)] @ self.values
+        moments = _moments_of(self.geometry) @ self.values
         return Chain(self.geometry.rotations, moments.reshape(-1, 2))
 
     @property
@@ -130,7 +130,7 @@ class KnownAxes(Shared):
         """
         k, basis = self.n_angles, self.basis
         factor = basis.grouped * self._inertia_std(scale)
-        own = self.described.moments()[:, kept_parameters(self.described)] @ factor
+        own = _moments_of(self.described) @ factor
         following = factor @ np.linalg.pinv(own, rcond=_INDEPENDENT)
         factors = np.hstack([factor - following @ own,
                              self.priors.moment * scale.largest * following])
@@ -214,6 +214,11 @@ class KnownAxes(Shared):
         turned = np.where(is_exact, 0.0, self.turned)
         return replace(self, geometry=_turned(self.described, turned), turned=turned,
                        is_exact=is_exact)
+
+
+def _moments_of(geometry: Geometry) -> FloatArray:
+    """Return the chain's moments per base parameter, (2N, K)."""
+    return geometry.moments()[:, kept_parameters(geometry)]
 
 
 def _turned(geometry: Geometry, angles: FloatArray) -> Geometry:

@@ -7,7 +7,7 @@ whose own gain is too small, which is then not added again. So the search ends.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from heapq import merge
@@ -84,7 +84,7 @@ class Search:
         for own in self.groups():
             without = self.posterior.without(own)
             refined = self.common.refined(without, own, self.options.halvings)
-            self.accept(self.replaced(own, refined), 'refine', 0.0)
+            self.take_refined(self.replaced(own, refined))
         return added or changed
 
     def groups(self) -> Iterator[Terms]:
@@ -193,8 +193,8 @@ class Search:
         refined, gain = self.refined(without, term)
         if len(rest) < len(self.terms) - 1:
             # Its corrections are reviewed first, because they are nearly collinear with it.
-            return refined is not term and self.accept(
-                self.exchanged(term, refined), 'refine', 0.0)
+            self._refine(term, refined)
+            return False
         ranking = self.ranking(without, self.pool_of(term), rest)
         value, other = next(ranking, (-np.inf, None))
         if max(gain, value) < self.options.min_gain:
@@ -206,9 +206,12 @@ class Search:
             other, _ = self.refined(without, other)
             if self.accept(self.exchanged(term, other), 'exchange'):
                 return True
-        if refined is not term:
-            return self.accept(self.exchanged(term, refined), 'refine', 0.0)
+        self._refine(term, refined)
         return False
+
+    def _refine(self, term: Term, refined: Term) -> None:
+        if refined is not term:
+            self.take_refined(self.exchanged(term, refined))
 
     def pool_of(self, term: Term) -> Pool:
         """Return the candidates that act on the same joints as a term; the last are of the arm."""
@@ -221,38 +224,53 @@ class Search:
         new = self.common.at(new, common_of(rest, new.joint))
         return tuple(new if term is old else term for term in self.terms)
 
-    def _with_refined(self, trial: Posterior) -> Posterior:
+    def with_refined(self, trial: Posterior, joints: Collection[int | None],
+                     from_compared: bool = False) -> Posterior:
         """
-        Return a posterior with refined settings on the joints of its new terms.
+        Return a posterior with the settings of its terms on some joints refined, one by one.
 
-        The volume of a setting depends on the other terms. Without it the next refinement would
-        lower the evidence for which the terms were accepted.
+        Settings depend on each other, and their volumes on the other terms.
+
+        :param from_compared: whether the best of the compared settings is a further start: the
+            law of friction that was selected with a replaced term may be another one.
         """
-        joints = {term.joint for term in trial.terms if term not in self.terms}
         for term in trial.terms:
-            if term.joint in joints and term.key not in self.forced:
-                best, _ = self.refined(trial.without((term,)), term)
-                if best is not term:
-                    trial = self.solved(tuple(best if t is term else t for t in trial.terms))
+            if term.joint not in joints or term.key in self.forced:
+                continue
+            without, starts = trial.without((term,)), [term]
+            if from_compared:
+                rest = tuple(t for t in trial.terms if t is not term)
+                ranking = self.ranking(without, self.pool_of(term), rest, -np.inf, term.key)
+                starts += [next((t for _, t in ranking if t.kind == term.kind), term)]
+            best, _ = max((self.refined(without, start) for start in dict.fromkeys(starts)),
+                          key=lambda each: each[1])
+            if best is not term:
+                trial = self.solved(tuple(best if t is term else t for t in trial.terms))
         return trial
 
-    def accept(self, terms: Terms, move: str, minimum: float | None = None) -> bool:
-        """Take other terms if their evidence is higher."""
+    def accept(self, terms: Terms, move: str) -> bool:
+        """Take other terms if their evidence is higher with refined settings."""
         if not is_consistent(terms):
             return False
         trial = self.solved(terms)
-        gain = trial.log_evidence - self.posterior.log_evidence
-        if minimum is None:
-            minimum = self.options.significant
-            if gain > minimum:
-                trial = self._with_refined(trial)
-                gain = trial.log_evidence - self.posterior.log_evidence
-        else:
-            # The same terms at other settings: the better ones, whatever share of all they are.
-            gain -= sum(t.log_volume for t in terms) - sum(t.log_volume for t in self.terms)
-        if gain <= minimum:
+        required = self.posterior.log_evidence + self.options.significant
+        if trial.log_evidence > required:
+            # Otherwise the next refinement might lower the evidence, and the search not end.
+            trial = self.with_refined(trial, {t.joint for t in terms if t not in self.terms})
+        if trial.log_evidence <= required:
             return False
-        new = [t for t in trial.terms if t not in self.terms]
-        self.log(f'  {move} {[(*t.key, t.setting) for t in new]} {gain:.1f}')
+        self._take(trial, f'{move} {trial.log_evidence - self.posterior.log_evidence:.1f}')
+        return True
+
+    def take_refined(self, terms: Terms) -> None:
+        """Take the same terms at better settings, whatever share of all settings these are."""
+        trial = self.solved(terms)
+        gain = trial.log_evidence - self.posterior.log_evidence
+        gain -= sum(t.log_volume for t in terms) - sum(t.log_volume for t in self.terms)
+        if gain > 0.0:
+            self._take(trial, f'refine {gain:.1f}')
+
+    def _take(self, trial: Posterior, move: str) -> None:
+        new = [(*t.key, t.setting) for t in trial.terms if t not in self.terms]
+        self.log(f'  {move}: {new}')
         self.posterior = trial
-        return minimum > 0.0
