@@ -23,6 +23,9 @@ MIN_STAMP = 1e8
 # Shortest and longest time constant relative to the longest session, and number of them. A law
 # that ends much sooner is an offset of later samples, a much longer one is linear.
 _SHORTEST, _LONGEST, _TIMES = 0.1, 3.0, 4
+# Shortest time constant in s: a gear and the mount of a sensor warm up in minutes. A shorter law
+# explains the start of a motion, together with an offset of the opposite sign.
+_MIN_TIME = 120.0
 
 
 def has_clock(samples: JointSamples) -> bool:
@@ -67,11 +70,11 @@ def since(samples: JointSamples, setting: Setting) -> FloatArray:
     return time
 
 
-def time_constants(samples: JointSamples, minimum: float = 0.0) -> list[float]:
-    """Return the time constants in s of a process to compare, those above the minimum."""
-    longest = longest_session(samples)
-    times: list[float] = np.geomspace(max(_SHORTEST * longest, minimum),
-                                      max(_LONGEST * longest, minimum), _TIMES).tolist()
+def time_constants(samples: JointSamples) -> list[float]:
+    """Return the time constants in s of a thermal process to compare."""
+    longest = max(longest_session(samples), _MIN_TIME)
+    times: list[float] = np.geomspace(max(_SHORTEST * longest, _MIN_TIME), _LONGEST * longest,
+                                      _TIMES).tolist()
     return times
 
 

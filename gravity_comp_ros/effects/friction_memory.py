@@ -20,9 +20,8 @@ from gravity_comp_ros.effects.motion_direction import (
 from gravity_comp_ros.effects.refining import scaled
 import numpy as np
 
-# Minimum duration of a session, and minimum time constant, in s.
+# Minimum duration of a session, in s.
 _MIN_DURATION = 300.0
-_MIN_TIME = 120.0
 
 
 class FrictionDrift(Effect):
@@ -46,7 +45,8 @@ class FrictionDrift(Effect):
               'Measurement and Control 134, 2012')
     setting_units = {'time': 's', 'origin': 's', 'end': 's', **LAW_UNITS}
     common = tuple(LAW_UNITS)
-    size = 0.03
+    # Half of the friction of a joint is lost at most: `CoulombFriction`, `ViscousFriction`.
+    shares = (0.05, 0.5)
     corrects = ('coulomb_friction', 'viscous_friction', 'asymmetric_friction',
                 'load_dependent_friction', 'coupled_friction')
 
@@ -59,12 +59,12 @@ class FrictionDrift(Effect):
         session, noise = session_of(motion.samples), float(motion.speed_noise[joint])
         middle = [law for law in laws(noise) if law.get('distance', DISTANCES[2]) == DISTANCES[2]]
         return [{'time': time, **session, **law}
-                for time in time_constants(motion.samples, _MIN_TIME)
+                for time in time_constants(motion.samples)
                 for law in (middle[0], middle[-1])]
 
     def refine(self, motion: Motion, joint: int, setting: Setting,
                step: float) -> list[dict[str, float]]:
-        return [*refined_time(setting, step, time_constants(motion.samples, _MIN_TIME)),
+        return [*refined_time(setting, step, time_constants(motion.samples)),
                 *refined_laws(setting, step, float(motion.speed_noise[joint]))]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:

@@ -148,18 +148,18 @@ class TorqueDrift(Effect):
     The response of a sensor that warms up with its mount: two thermal masses in series.
 
     Its rate may rise before it fades, since the sensor lags behind. Of two masses with time
-    constants near T the response is in the span of the columns; time constants from a tenth of
-    the longest session to three times its duration are compared. With long ones the law is close
-    to linear.
+    constants near T the response is in the span of the columns; time constants from two minutes,
+    or a tenth of the longest session, to three times its duration are compared. With long ones
+    the law is close to linear.
     """
 
     name = 'torque_drift'
     title = 'Torque drift'
     family = 'offset'
-    equation = ('tau_n = r t exp(-t / T) + b (1 - (1 + t / T) exp(-t / T)), t from the start of '
-                'the session')
+    equation = ('tau_n = r t / T exp(-t / T) + b (1 - (1 + t / T) exp(-t / T)), t from the start '
+                'of the session')
     description = 'Torque signal whose zero point drifts, as with strain gauges that warm up.'
-    coefficients = (Coefficient('r', 'N·m/s', 'initial rate of change of the torque signal'),
+    coefficients = (Coefficient('r', 'N·m', 'initial rate of change of the signal, times T'),
                     Coefficient('b', 'N·m', 'change of the torque signal after a long time'))
     confounders = ('friction_drift', 'torque_offset', 'payload_change')
     experiment = ('hold joint {joint} in one pose for the duration of a run, before and after '
@@ -169,12 +169,13 @@ class TorqueDrift(Effect):
     source = ('K. Hoffmann, An Introduction to Stress Analysis and Transducer Design using '
               'Strain Gauges, HBM, 2012')
     setting_units = {'origin': 's', 'end': 's', 'time': 's'}
-    size = 0.05
+    # Relative to the final change: an early part of a drift is small.
+    shares = (0.1,)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        t = since(motion.samples, setting)
-        fading = np.exp(-t / setting['time'])
-        return np.column_stack([t * fading, 1.0 - (1.0 + t / setting['time']) * fading])
+        age = since(motion.samples, setting) / setting['time']
+        fading = np.exp(-age)
+        return np.column_stack([age * fading, 1.0 - (1.0 + age) * fading])
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         return [{**session_of(motion.samples), 'time': time}

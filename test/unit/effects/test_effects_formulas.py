@@ -30,6 +30,11 @@ LAW = {'width': WIDTH}
 SLOPE = np.arange(24.0).reshape(6, 2, 2)
 
 
+def risen(age):
+    """Return the first column of a drift at an age over its time constant."""
+    return age * np.exp(-age)
+
+
 def motion_of(samples, **given):
     """Return a motion with the gravity, gradient and acceleration above."""
     return Motion(samples, QDD, G, lambda q: SLOPE, **given)
@@ -88,7 +93,7 @@ def test_column_by_hand(motion, name, setting, column):
     ('friction_drift', {'time': 2.0, 'origin': 0.0, **LAW},
      [D[:, 0] * (np.exp(-AGE / 2) - 1), QD[:, 0] * (np.exp(-AGE / 2) - 1)]),
     ('torque_drift', {'origin': 0.0, 'time': 2.0},
-     [AGE * np.exp(-AGE / 2), 1 - (1 + AGE / 2) * np.exp(-AGE / 2)]),
+     [risen(AGE / 2), 1 - (1 + AGE / 2) * np.exp(-AGE / 2)]),
 ])
 def test_columns_by_hand(motion, name, setting, columns):
     result = known_effect(name).columns(motion, 0, setting)
@@ -109,23 +114,23 @@ def test_a_drift_goes_on_in_a_later_recording(motion):
     law = {**drift.settings(first, 0)[0], 'time': 500.0, **LAW}
     assert law['origin'] == CLOCK
     for stamps, age in ((first, T), (later, T + 1000.0)):
-        np.testing.assert_allclose(drift.columns(stamps, 0, law)[:, 0], age * np.exp(-age / 500.0))
+        np.testing.assert_allclose(drift.columns(stamps, 0, law)[:, 0], risen(age / 500.0))
     np.testing.assert_allclose(warmth.columns(later, 0, law)[:, 0],
                                D[:, 0] * (np.exp(-(T + 1000.0) / 500.0) - 1.0), atol=1e-12)
     # An earlier recording is before the drift; one without a clock begins at 0 with each run.
     earlier = stamped(motion, CLOCK - 1000.0, CLOCK - 1000.0)
     assert not drift.columns(earlier, 0, law).any()
-    np.testing.assert_allclose(drift.columns(motion, 0, law)[:, 0], AGE * np.exp(-AGE / 500.0))
+    np.testing.assert_allclose(drift.columns(motion, 0, law)[:, 0], risen(AGE / 500.0))
     # On the next day the arm is cold again, and so it is where both days are fitted.
     cold = stamped(motion, CLOCK + 86400.0, CLOCK + 86400.0)
-    np.testing.assert_allclose(drift.columns(cold, 0, law)[:, 0], T * np.exp(-T / 500.0))
+    np.testing.assert_allclose(drift.columns(cold, 0, law)[:, 0], risen(T / 500.0))
     both = replace(motion, samples=concatenate([first.samples, later.samples, cold.samples]))
     law = {**drift.settings(both, 0)[0], 'time': 500.0}
     age = np.concatenate([T, T + 1000.0, T])
-    np.testing.assert_allclose(drift.columns(both, 0, law)[:, 0], age * np.exp(-age / 500.0))
+    np.testing.assert_allclose(drift.columns(both, 0, law)[:, 0], risen(age / 500.0))
     next_day = stamped(motion, CLOCK + 90000.0, CLOCK + 90000.0)
     np.testing.assert_allclose(drift.columns(next_day, 0, law)[:, 0],
-                               (T + 3600.0) * np.exp(-(T + 3600.0) / 500.0))
+                               risen((T + 3600.0) / 500.0))
     # Stamps near zero are no clock.
     assert known_effect('torque_drift').settings(stamped(motion, 0.0, 0.0), 0)[0]['origin'] == 0.0
 
@@ -139,7 +144,7 @@ def test_samples_of_a_node_go_on_from_the_origin(motion):
         for k in range(2):
             buffer.offer(CLOCK + age + k, Q[k], QD[k], G[k])
         live = motion_of(buffer.samples())
-        np.testing.assert_allclose(drift.columns(live, 0, law)[0, 0], age * np.exp(-age / 2e4))
+        np.testing.assert_allclose(drift.columns(live, 0, law)[0, 0], risen(age / 2e4))
         # A fit of the node keeps its clock.
         assert drift.settings(live, 0)[0]['origin'] == CLOCK + age
 
@@ -183,7 +188,7 @@ def test_columns_of_the_whole_arm_by_hand(motion):
     ('torque_offset', [1.0], [6.0]),
     # A tenth of 20 N·m over the RMS of the column, by default.
     ('degressive_friction', [0.25], [8.0]),
-    ('torque_drift', [50.0], [0.02]),
+    ('torque_drift', [50.0, 7.0], [2.0, 2.0]),
     ('torque_gain', [7.0], [0.1]),
     ('encoder_offset', [7.0], [0.05]),
     ('base_tilt', [7.0, 2.0], [0.1, 0.1]),
@@ -194,6 +199,17 @@ def test_columns_of_the_whole_arm_by_hand(motion):
 def test_prior_standard_deviations_by_hand(name, columns, expected):
     std = known_effect(name).prior_std(Sizes(20.0, np.array(columns)))
     np.testing.assert_allclose(std, expected)
+
+
+@pytest.mark.parametrize('name', ['torque_drift', 'friction_drift'])
+@pytest.mark.parametrize('seconds', [20.0, 4000.0])
+def test_time_constants_are_those_of_a_thermal_process(name, seconds):
+    """A shorter one explains the start of a motion; each is compared once."""
+    t = np.linspace(0.0, seconds, 50)
+    motion = motion_of(JointSamples.single_run(('a',), t, *3 * [np.sin(t)[:, None]]))
+    times = {setting['time'] for setting in known_effect(name).settings(motion, 0)}
+    assert min(times) == max(120.0, 0.1 * seconds) and len(times) == 4
+    assert max(times) == pytest.approx(3.0 * max(120.0, seconds))
 
 
 @pytest.mark.parametrize('starts', [(), (1.7e9, 1.7e9 + 200.0, 1.7e9 + 400.0)])
