@@ -64,4 +64,4 @@ def _bumps(q: FloatArray) -> tuple[FloatArray, FloatArray]:
 class _NoEffect:
     """The effect of a term that is no effect of the library."""
 
-    name, why_not_negative, corrects = 'unexplained', '', ()
+    name, why_not_negative, corrects, is_static = 'unexplained', '', (), True

@@ -25,12 +25,13 @@ class Design:
     For joint j, `x[j]` (K_j, R) has the P shared columns first, then those of the terms that act
     on it; `gram[j]` (K_j, K_j), `cross[j]` (K_j,) and `square[j]` are the sums of products with
     themselves and with the target `y` (N, R). Columns of terms are appended, never changed.
+    `law_error` is the error of the law of a term as a share of its torque.
     """
 
     def __init__(self, rows: Rows, y: FloatArray, shared: FloatArray,
-                 prior: Prior, weights: FloatArray) -> None:
+                 prior: Prior, weights: FloatArray, law_error: float = 0.0) -> None:
         self.root = np.ascontiguousarray(np.sqrt(weights).T)
-        self.rows, self.prior = rows, prior
+        self.rows, self.prior, self.law_error = rows, prior, law_error
         self.n_joints, self.n_shared = y.shape[1], shared.shape[2]
         self.y = y.T * self.root
         self.x = [shared[:, j].T * self.root[j] for j in range(self.n_joints)]

@@ -6,9 +6,11 @@ coefficients are eliminated, S their prior covariance and kappa >= 1 an inflatio
 
     gain = 1/2 u' (M + kappa S^-1)^-1 u / kappa - 1/2 log |I + M S / kappa| + log odds.
 
-kappa is the scatter of the term's own scores over blocks of time, relative to that of the noise:
-an error that repeats with the motion scatters more. The noise in M and u contains the discrepancy
-and the autocorrelation of the residual already (`noise`).
+kappa is the larger of two inflations. One is the scatter of the term's own scores over blocks of
+time, relative to that of the noise: an error that repeats with the motion scatters more. The other
+is the error of the laws of terms that hold the same joint at rest, which the term could have the
+shape of. The noise in M and u contains the discrepancy and the autocorrelation of the residual
+already (`noise`).
 """
 
 from __future__ import annotations
@@ -194,7 +196,27 @@ def log_share_allowed(term: Term, mean: FloatArray, precision: FloatArray) -> fl
 
 
 def inflation(posterior: Posterior, scored: Score) -> float:
-    """Return kappa of a scored term: the variance of its scores over blocks, or 1."""
+    """Return kappa of a scored term, 1 at least."""
+    return max(1.0, _scatter(posterior, scored), _law_inflation(posterior, scored.term))
+
+
+def _law_inflation(posterior: Posterior, term: Term) -> float:
+    """Return the inflation by the error of the laws of other terms that hold the same joint."""
+    design, j = posterior.design, term.joint_number
+    if not term.holds_a_joint:
+        return 1.0
+    squares = 0.0
+    for other in posterior.terms:
+        if (other.joint == term.joint and other.holds_a_joint
+                and other not in posterior.absent):
+            here = design.selected(j, (other,))[design.n_shared:]
+            beta = posterior.beta[posterior.at[other]]
+            squares += float(beta @ design.gram[j][np.ix_(here, here)] @ beta)
+    return 1.0 + design.law_error ** 2 * float(posterior.precision[j]) * squares
+
+
+def _scatter(posterior: Posterior, scored: Score) -> float:
+    """Return the variance of a term's scores over blocks, relative to that of the noise."""
     design, term = posterior.design, scored.term
     block = design.rows.block
     total = np.zeros((int(block.max(initial=0)) + 1, term.n_columns))
@@ -208,7 +230,7 @@ def inflation(posterior: Posterior, scored: Score) -> float:
     information = scored.information
     ridge = np.diag(1e-9 * term.prior_std ** -2.0
                     + 1e-12 * np.trace(information)) + information
-    return max(1.0, float(np.trace(np.linalg.solve(ridge, total.T @ total))) / term.n_columns)
+    return float(np.trace(np.linalg.solve(ridge, total.T @ total))) / term.n_columns
 
 
 def without_weak(posterior: Posterior, is_removable: Callable[[Term], bool],

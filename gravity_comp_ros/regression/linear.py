@@ -191,4 +191,4 @@ def _design(problem: Problem, shared: Shared, weights: FloatArray) -> Design:
     are 0 at the point.
     """
     return Design(problem.rows, problem.y, problem.states.mean(shared.columns),
-                  shared.prior(problem.scale), weights)
+                  shared.prior(problem.scale), weights, problem.options.law_error)

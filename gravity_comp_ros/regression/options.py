@@ -34,7 +34,8 @@ class EngineOptions:
 
     - `discrepancy`: model error as a share of a joint's torque scale. No law of friction is exact.
     - `law_error`: error of the law of a term as a share of its torque (RMS). It widens the
-      published intervals of its coefficients.
+      published intervals of its coefficients, and a further term that holds the same joint at
+      rest must explain more.
     - `floor`: minimum noise as a share of the torque scale, against exact simulated data.
     - `min_scale`: minimum torque scale of a joint as a share of the largest; a joint with a
       vertical axis has none of its own.

@@ -61,6 +61,11 @@ class Term:
         """Return the joint number for methods of the effect: 0 for the whole arm."""
         return 0 if self.joint is None else self.joint
 
+    @property
+    def holds_a_joint(self) -> bool:
+        """Return whether it acts at rest, on one joint."""
+        return self.effect.is_static and self.columns.ndim == 2
+
     def joints(self, n_joints: int) -> range:
         """Return the joints on whose torque it acts."""
         if self.columns.ndim == 3:

@@ -8,7 +8,7 @@ from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.regression.candidates import candidates_of
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import (
-    gain_of, log_share_allowed, Ranking, Score, score_of, shares_left)
+    gain_of, inflation, log_share_allowed, Ranking, Score, score_of, shares_left)
 from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.posterior import solve
 from gravity_comp_ros.regression.term import is_consistent, uncorrected, with_children_of
@@ -93,6 +93,26 @@ def test_the_evidence_is_the_normal_density_of_the_data():
         selected = tuple(terms[key] for key in names[:count])
         estimates = solve(design, selected, PRECISION).log_evidence - density(selected)
         assert estimates == pytest.approx(constant, abs=1e-5)
+
+
+def test_the_law_of_another_static_term_of_the_joint_may_have_the_shape_of_a_term():
+    """The inflation is 1 + (error of the law x torque of the spring)^2 R / noise^2."""
+    samples = with_torque(motion_of_joints(2, 1), lambda q, *_: SHARED.gravity(q) + [
+        0.0, 1.0] * (q - 0.2), 1)
+    problem, _, factory = linear_problem(samples, SHARED)
+    design = Design(problem.rows, problem.y, problem.states.mean(SHARED.columns),
+                    SHARED.prior(problem.scale), problem.weights, law_error=0.1)
+    spring, offset, other, friction = (
+        next(t for t in first_terms(factory, joint) if t.name == name) for name, joint in (
+            ('joint_spring', 1), ('torque_offset', 1), ('torque_offset', 0),
+            ('coulomb_friction', 1)))
+    posterior = solve(design, (spring,), PRECISION)
+    held = design.weighted(1, spring).T @ posterior.beta[posterior.at[spring]]
+    expected = 1.0 + 0.1 ** 2 * (held ** 2).sum() * PRECISION[1]
+    assert inflation(posterior, score_of(posterior, offset)) == pytest.approx(expected)
+    assert expected > 1.5
+    for term in (other, friction):
+        assert inflation(posterior, score_of(posterior, term)) == 1.0
 
 
 def test_a_positive_prior_is_the_normal_one_cut_at_zero():
