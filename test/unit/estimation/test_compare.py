@@ -1,6 +1,5 @@
 """Comparison: figures calculated by hand, JSON schema, regions of large residual."""
 
-import json
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, ModelMismatchError
@@ -82,52 +81,16 @@ def test_poses_outside_the_trained_range_are_counted():
     assert compare(sine_model(1.0), samples).share_outside == 0.5
 
 
-def test_the_json_has_the_documented_keys():
-    rng = np.random.default_rng(0)
-    q = rng.uniform(-1, 1, (200, 2))
-    tau = 0.1 * rng.normal(size=q.shape) + 2.0 * (q > 0.7)
-    comparison = json.loads(json.dumps(compare(
-        sine_model(0.0, 0.0), samples_of(tau, q=q, names=('j0', 'j1'))).to_json(),
-        allow_nan=False))
-    assert set(comparison['joints']) == {'j0', 'j1'}
-    for joint in comparison['joints'].values():
-        assert {'n', 'rmse', 'nrmse', 'std', 'max_abs', 'where'} <= set(joint)
-        assert joint['n'] == 200 and isinstance(joint['n'], int)
-        assert 0 < joint['nrmse'] < 1 and joint['where']
-        for region in joint['where']:
-            assert set(region) >= {'axis', 'low', 'high', 'n', 'rmse', 'bias', 'words'}
-    assert comparison['worst_joint'] in comparison['joints']
-
-
-def motion_with(seed: int) -> tuple[JointSamples, np.ndarray]:
-    """Return noisy samples of a slow motion of the iiwa, and the exact gravity."""
-    motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, seed)
-    samples = synthesise(ARM, motion, SynthesisOptions(static=False, seed=seed,
-                                                       noise=NoiseOptions(absolute=0.1)))
-    return samples, arms.inverse_dynamics(ARM, motion.q, motion.qd, motion.qdd)
-
-
-def test_an_error_in_a_region_of_random_poses_is_reported_first():
-    motion = motions.random_poses(ARM.lower, ARM.upper, 600, seed=4)
-    samples = synthesise(ARM, motion, SynthesisOptions(static=True, seed=4,
-                                                       noise=NoiseOptions(absolute=0.1)))
-    predicted = arms.gravity_torque(ARM, motion.q)
-    here = (motion.q[:, 3] > 0.0) & (motion.q[:, 3] < 0.7)
-    predicted[here, 3] += 1.0
-    region = against(samples, predicted).joints['iiwa_joint_4'].where[0]
-    assert region.axis == 'position'
-    assert -0.1 < region.low < region.high < 0.8 and region.bias == pytest.approx(-1.0, abs=0.1)
-    assert region.rmse == pytest.approx(1.0, abs=0.1) and region.ratio > 3
-
-
-@pytest.mark.parametrize('sign, message', [(1, 'moving up'), (-1, 'moving down')])
-def test_an_error_in_one_direction_is_reported_first(sign, message):
-    samples, exact = motion_with(0)
-    predicted = exact.copy()
-    predicted[:, 2] -= 0.7 * (sign * samples.qd[:, 2] > 1e-3)
+@pytest.mark.parametrize('axis, condition', [
+    ('position', lambda q, qd: (q > 0.0) & (q < 0.7)), ('direction', lambda q, qd: qd > 1e-3)])
+def test_an_error_in_one_condition_is_reported_first(axis, condition):
+    motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, 0)
+    samples = synthesise(ARM, motion, SynthesisOptions(NoiseOptions(absolute=0.1)))
+    predicted = arms.inverse_dynamics(ARM, motion.q, motion.qd, motion.qdd)
+    predicted[:, 2] -= 0.7 * condition(motion.q[:, 2], motion.qd[:, 2])
     region = against(samples, predicted).joints['iiwa_joint_3'].where[0]
-    assert region.axis == 'direction' and region.words.startswith(message)
-    assert region.bias == pytest.approx(0.7, abs=0.05)
+    assert region.axis == axis and region.bias == pytest.approx(0.7, abs=0.05)
+    assert axis != 'position' or -0.1 < region.low < region.high < 0.8
 
 
 def test_an_error_in_one_run_is_reported_first():
@@ -169,7 +132,7 @@ def test_an_error_in_a_single_visit_is_no_region():
 @pytest.mark.parametrize('kind', ['poses', 'motion'])
 def test_white_noise_has_no_regions(kind):
     named = total = 0
-    for seed in range(10):
+    for seed in range(5):
         motion = motions.eq17() if kind == 'motion' else motions.random_poses(
             ARM.lower, ARM.upper, 200, seed)
         samples = synthesise(ARM, motion, SynthesisOptions(

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from bench.shared.campaign import campaign
-from bench.shared.rough_links import NOISE as ROUGH_NOISE, two_links
+from bench.shared.rough_links import two_links
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import fitted_torque
 from gravity_comp_ros.effects.request import requests
@@ -11,9 +11,7 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.estimation.robust import outliers
-from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.evaluation.compare import compare
-from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pytest
@@ -77,7 +75,7 @@ def test_gravity_does_not_absorb_friction(result):
         assert size.value == pytest.approx(VISCOUS, abs=4 * std(size))
 
 
-def test_friction_is_not_predicted(result, samples, tmp_path):
+def test_friction_is_not_predicted(result, samples):
     # The prediction excludes fitted effects, and the reported error includes them.
     residual = samples.tau - result.model.predict(samples.q)
     assert rms(residual).min() > 0.7
@@ -89,11 +87,6 @@ def test_friction_is_not_predicted(result, samples, tmp_path):
     for name, rmse in result.report.rmse.items():
         assert joints[name].rmse == pytest.approx(rmse, rel=1e-9)
     assert result.model.noise == pytest.approx([joints[name].rmse for name in ARM.joints])
-    # A model file keeps fitted effects.
-    save_model(tmp_path / 'm.json', result.model)
-    again = load_model(tmp_path / 'm.json')
-    assert again.fitted.effects == result.model.fitted.effects
-    np.testing.assert_array_equal(again.residual_std, result.model.residual_std)
 
 
 @pytest.mark.parametrize('formulation', ['chain', *campaign('potential')])
@@ -106,18 +99,6 @@ def test_noise_after_an_addition_is_the_error_of_the_prediction(formulation):
     joints = compare(refitted, data.select(slow), data).joints
     assert refitted.noise == pytest.approx([joints[name].rmse for name in data.names], rel=1e-6)
     assert refitted.noise[0] < 0.1 < model.noise[0]
-
-
-def test_an_update_keeps_friction(result):
-    loaded = arms.with_payload(ARM, arms.Payload(2.0, (0.02, 0.03, 0.1)))
-    new = eq17(5, 100.0, 15.0, loaded)
-    updated = update(result.model, new)
-    q = motions.eq17(start=120.0).q
-    assert gravity_error(result.model, q, loaded) > 5.0
-    assert gravity_error(updated.model, q, loaded) < 0.6
-    assert updated.model.fitted.effects == result.model.fitted.effects
-    errors = rms(new.tau - updated.model.predict(new.q))
-    assert list(updated.report.rmse.values()) == pytest.approx(errors.tolist())
 
 
 @pytest.mark.campaign
@@ -143,15 +124,3 @@ def test_outliers_of_two_runs_are_reported_with_both(samples):
                        (np.arange(samples.n_samples) >= half).astype(int), ('one', 'two'))
     text = str(outliers(two, np.ones(len(two), dtype=int), residual)['iiwa_joint_4'])
     assert text == f'from {t[200]:.1f} s of one to {t[half + 10]:.1f} s of two'
-
-
-def test_long_recordings_cost_no_more_than_short_ones():
-    short = two_links(1)
-    t = np.linspace(0.0, short.t[-1], 20000)
-    q, qd, tau = (np.stack([np.interp(t, short.t, column) for column in x.T], axis=1)
-                  for x in (short.q, short.qd, short.tau))
-    # Interpolated noise is not white, for which a chain would be searched for long.
-    fitted = fit(JointSamples.single_run(short.names, t, q, qd, tau), FitOptions('potential'))
-    assert fitted.report.n_samples == 20000 and fitted.report.n_fitted <= 601
-    frictionless = two_links(2, rough=0.0)
-    assert rms(frictionless.tau - fitted.model.predict(frictionless.q)).max() < 2.0 * ROUGH_NOISE

@@ -6,12 +6,11 @@ import json
 
 from bench.cases.signals import ornstein_uhlenbeck
 from bench.shared.serial_arms import G, planar_2r, poses, samples_of, serial_arm
-from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse import admm, dictionary, sparse_fit, sparse_problem
-from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.sparse.lasso import LassoProblem
 from gravity_comp_ros.simulation.arms import gravity_torque, with_base_tilt
 import numpy as np
@@ -45,25 +44,20 @@ def test_a_pendulum(formulation):
 
 
 @BOTH
-@pytest.mark.parametrize('noise', [0.0, 0.05])
-def test_two_links_in_a_plane(formulation, noise):
+def test_two_links_in_a_plane(formulation):
     # m1 = 3, m2 = 2 kg, l1 = 0.5, c1 = 0.25, c2 = 0.2 m, and cos(q1 + q2) = c1 c2 - s1 s2.
     q = poses(120, 2, seed=3)
-    model = fit(samples_of(q, planar_2r(q), noise), FitOptions(formulation)).model
+    model = fit(samples_of(q, planar_2r(q), 0.05), FitOptions(formulation)).model
     upper, lower = (3 * 0.25 + 2 * 0.5) * G, 2 * 0.2 * G
     first = dict(zip(model.torques[0].indices.tolist(), model.torques[0].weights))
     second = dict(zip(model.torques[1].indices.tolist(), model.torques[1].weights))
     c1, c1c2, s1s2 = 6, 8, 4
-    tolerance = 0.5 * noise + 1e-3
-    assert first == pytest.approx({c1: upper, c1c2: lower, s1s2: -lower}, abs=tolerance)
-    assert second == pytest.approx({c1c2: lower, s1s2: -lower}, abs=tolerance)
-    equation = model.equation('axis0', digits=0)
-    assert equation.startswith('17 c1') and {'- 4 s1 s2', '+ 4 c1 c2'} <= {
-        equation[-19:-10], equation[-9:]}
+    assert first == pytest.approx({c1: upper, c1c2: lower, s1s2: -lower}, abs=0.026)
+    assert second == pytest.approx({c1c2: lower, s1s2: -lower}, abs=0.026)
 
 
 @pytest.mark.parametrize('formulation, n_joints', [
-    *(('potential', n) for n in (1, 2, 4, 8)), *(('per_joint', n) for n in (1, 3, 7))])
+    ('potential', 1), ('potential', 8), ('per_joint', 1), ('per_joint', 7)])
 def test_arms_of_any_length(formulation, n_joints):
     arm = with_base_tilt(serial_arm(n_joints, seed=1), 0.0, 0.4 if n_joints == 1 else 0.0)
     count = 300 if formulation == 'potential' else 600
@@ -77,18 +71,6 @@ def test_arms_of_any_length(formulation, n_joints):
     assert (result.model.noise < 0.12).all()
     if n_joints > 1:
         assert not result.model.predict(unseen)[:, 0].any()   # a vertical axis
-
-
-def test_many_joints_of_which_the_last_have_no_gravity_torque():
-    short = serial_arm(4)
-    q = poses(200, 9)
-    tau = np.zeros_like(q)
-    tau[:, :4] = gravity_torque(short, q[:, :4])
-    model = fit(samples_of(q, tau, 0.1)).model
-    unseen = poses(200, 9, seed=1)
-    error = model.predict(unseen)
-    error[:, :4] -= gravity_torque(short, unseen[:, :4])
-    assert rms(error).max() < 0.05
 
 
 @BOTH
@@ -143,11 +125,6 @@ def test_samples_that_cannot_be_fitted_are_refused(formulation, q, tau, noise, m
 
 
 @BOTH
-def test_ten_samples_are_enough(formulation):
-    fit(samples_of(poses(10, 2), planar_2r(poses(10, 2))), FitOptions(formulation))
-
-
-@BOTH
 def test_noise_alone_gives_a_model_of_zero_and_a_warning(formulation):
     q = poses(100, 3)
     result = fit(samples_of(q, np.zeros_like(q), 1.0), FitOptions(formulation))
@@ -189,28 +166,6 @@ def test_an_offset_is_fitted_and_not_predicted():
     other = fit(samples, FitOptions('per_joint')).model
     assert uses(other, 0, 0) and 0 in other.torques[0].indices
     assert rms(samples.tau - other.predict(q)).max() < 0.1
-
-
-def test_several_runs_are_counted():
-    arm = serial_arm(3)
-    runs = []
-    for seed in range(3):
-        q = poses(60, 3, seed)
-        runs.append(samples_of(q, gravity_torque(arm, q), 0.05, seed))
-    result = fit(concatenate(runs), FitOptions('potential'))
-    assert (result.report.n_runs, result.report.n_samples) == (3, 180)
-    assert (result.model.coverage.n_runs, result.model.coverage.n_samples) == (3, 180)
-
-
-@BOTH
-def test_many_poses(formulation):
-    arm, q = serial_arm(3), poses(6000, 3)
-    result = fit(samples_of(q, gravity_torque(arm, q), 0.5), FitOptions(formulation))
-    unseen = poses(200, 3, seed=1)
-    error = rms(result.model.predict(unseen) - gravity_torque(arm, unseen))
-    # A handful of coefficients from 6000 samples: 0.5 sqrt(10 / 6000) = 0.02 N·m.
-    assert error.max() < 0.03
-    assert result.report.n_samples == 6000
 
 
 def test_the_report_is_json_and_the_certificate_within_tolerance():
@@ -297,27 +252,13 @@ def data(seed: int, arm_seed: int = 0):
     return samples_of(q, gravity_torque(serial_arm(4, seed=arm_seed), q), 0.1)
 
 
-def same(a, b) -> None:
-    for one, other in zip(a.model.torques, b.model.torques):
-        np.testing.assert_array_equal(one.indices, other.indices)
-        np.testing.assert_allclose(one.weights, other.weights, atol=1e-3)
-
-
 @BOTH
-@pytest.mark.parametrize('arm_seed', [0, 1])
-def test_the_result_does_not_depend_on_the_start(formulation, arm_seed):
-    # The old model is of this arm, or of a different one.
-    old = fit(data(5, arm_seed), FitOptions(formulation)).model
-    cold, warm = (fit(data(0), FitOptions(formulation), old=start) for start in (None, old))
-    same(cold, warm)
-
-
-@BOTH
-def test_an_empty_model_or_one_of_other_joints_is_ignored(formulation):
-    cold = fit(data(0), FitOptions(formulation))
-    nothing = Expansion(np.zeros(0, dtype=np.int64), np.zeros(0))
-    other = replace(cold.model, energy=nothing if cold.model.energy is not None else None,
-                    torques=(nothing,) * 4, covariance=None)
-    same(cold, fit(data(0), FitOptions(formulation), old=other))
-    renamed = replace(cold.model, joints=('a', 'b', 'c', 'd'))
-    same(cold, fit(data(0), FitOptions(formulation), old=renamed))
+def test_the_result_does_not_depend_on_the_start(formulation):
+    # The old model is of a different arm, or of other joints.
+    old = fit(data(5, 1), FitOptions(formulation)).model
+    cold, *others = (fit(data(0), FitOptions(formulation), old=start).model
+                     for start in (None, old, replace(old, joints=('a', 'b', 'c', 'd'))))
+    for warm in others:
+        for one, other in zip(cold.torques, warm.torques):
+            np.testing.assert_array_equal(one.indices, other.indices)
+            np.testing.assert_allclose(one.weights, other.weights, atol=1e-3)

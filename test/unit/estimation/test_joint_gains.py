@@ -49,7 +49,7 @@ def only(samples):
     return fact
 
 
-@pytest.mark.parametrize('factor', [4.0, 0.1])
+@pytest.mark.parametrize('factor', [0.1, *campaign(4.0)])
 def test_a_unit_of_one_joint(factor):
     gains = np.ones(6)
     gains[2] = factor
@@ -94,7 +94,7 @@ def test_the_interval_contains_the_ratio_and_the_option_undoes_it():
             assert float(scales[name]) == pytest.approx(np.exp(-true[n]), rel=0.15)
 
 
-@pytest.mark.parametrize('seed, constants', [(1, (5, 3)), (2, (1, 4))])
+@pytest.mark.parametrize('seed, constants', [(1, (5, 3)), *campaign((2, (1, 4)))])
 def test_torque_constants_of_two_parallel_joints(seed, constants):
     # Axes of 90, 0 degrees; the efforts are currents of motors with different constants.
     rng, t = np.random.default_rng(seed), np.arange(6000) / 50.0
@@ -115,22 +115,12 @@ def test_torque_constants_of_two_parallel_joints(seed, constants):
                            {'c': pytest.approx(1.0 / ratio, rel=0.02)})
 
 
-def test_coarse_counts_of_some_joints():
-    gains = np.array([1.0, 1.0, 1.0, 80.0, 80.0, 80.0])
-    samples = recorded(gains)
-    tau = np.where(gains > 1, np.round(samples.tau), samples.tau)
-    gains = joint_gains(ArmFit(replace(samples, tau=tau)))
-    ratio = np.exp(gains.log - gains.log[3])
-    assert ratio[1] == pytest.approx(1 / 80, rel=0.2)
-    assert gains.facts()
-
-
 @pytest.mark.parametrize('name, more', [
-    ('spring', lambda q, qd, t: np.array([0, 0, 15.0, 0, 0, 0]) * (q - 0.5)),
     ('body from 50 s on', lambda q, qd, t: (t > 50)[:, None] * (gravity_torque(
         HEAVY, q) - gravity_torque(ARM, q))),
     ('contact', lambda q, qd, t: 20.0 * ((t > 50) & (t < 53))[:, None] + 0 * q),
     *campaign(
+        ('spring', lambda q, qd, t: np.array([0, 0, 15.0, 0, 0, 0]) * (q - 0.5)),
         ('gain', lambda q, qd, t: np.array([0, 0, 0.1, -0.1, 0, 0]) * gravity_torque(ARM, q)),
         ('drift and ripple', lambda q, qd, t: 0.03 * t[:, None] + 0.8 * np.sin(30 * q)),
         ('load', lambda q, qd, t: 0.1 * np.abs(gravity_torque(ARM, q)) * np.tanh(qd / 0.004) - 2)),
@@ -144,9 +134,8 @@ def assert_neither(fit):
     assert joint_gains(fit).facts() == [] and (base is None or base.facts() == [])
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_a_random_arm_has_no_fact(seed):
-    assert_neither(ArmFit(recorded(arm=serial_arm(6, seed), seed=seed)))
+def test_a_random_arm_has_no_fact():
+    assert_neither(ArmFit(recorded(arm=serial_arm(6))))
 
 
 def turned(pitch, begin, seconds, q, t):
@@ -172,11 +161,7 @@ def test_a_base_that_turns(pitch, begin, seconds):
     assert f'by {np.degrees(tilt.angle):.0f}° from' in fact.evidence
 
 
-def test_a_base_that_turns_and_returns_or_turns_between_recordings():
-    fit = ArmFit(recorded(more=lambda q, qd, t: turned(0.2, 40.0, 3.0, q, t)
-                          - turned(0.2, 80.0, 3.0, q, t)))
-    (fact,) = moved_base(fit).facts()
-    assert 'from 40 s to 43 s and by 12° from 80 s to 83 s' in fact.evidence
+def test_a_base_that_turns_between_recordings():
     second = recorded(seed=3, more=lambda q, qd, t: 1.0 + turned(0.3, -1.0, 0.1, q, t))
     (fact,) = torque_facts(concatenate([recorded(), second]))
     assert fact.kind is Kind.MOVED_BASE and 'by 18°' in fact.evidence
@@ -223,20 +208,6 @@ def test_a_part_of_an_arm_stands_on_a_link_that_tilts(wrist, tmp_path, capsys):
     assert 'the vertical changes by 2' in capsys.readouterr().err
     assert main(['info', alone, *named, '--accept', 'moved_base']) == 0
     assert 'refused' not in capsys.readouterr().out
-
-
-@pytest.mark.campaign
-def test_a_part_of_an_arm_on_a_link_that_tilts_is_fitted_and_updated(wrist, tmp_path, capsys):
-    path, joints = wrist
-    model, named = str(tmp_path / 'wrist.json'), ('--joints', ','.join(joints))
-    assert main(['fit', path, *named, '-o', model]) == 0
-    assert main(['update', path, '--model', model, '--dry-run']) == 0
-    assert 'vertical changes' not in capsys.readouterr().err
-    part = read_bag(Path(path), ReadOptions(joints=joints)).samples
-    alone = str(tmp_path / 'alone.mcap')
-    write_bag(alone, [joint_states(part)])
-    assert main(['update', alone, '--model', model]) == 1
-    assert 'the vertical changes by 2' in capsys.readouterr().err
 
 
 def test_an_arm_with_effort_on_one_joint_alone_has_no_gains():

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-import json
 
 from bench.shared.rough_links import COULOMB, JOINTS, NOISE, two_links, VISCOUS
 from gravity_comp_ros.api.recording import Recording
@@ -12,14 +11,9 @@ from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.effects.periodic import TorqueRipple
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit
-from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
-from gravity_comp_ros.models.gravity_model import Step
-from gravity_comp_ros.models.history import with_step
-from gravity_comp_ros.models.model_file import load_model, save_model
 import numpy as np
 import pytest
 
@@ -151,49 +145,3 @@ def test_predictions_are_independent_of_measured_torque():
                                effect_torque(result, samples))
     turned = samples.joints(JOINTS[::-1])
     np.testing.assert_array_equal(predict_torque(result, turned), predict_torque(result, samples))
-
-
-def test_requests_are_expanded_and_corrected():
-    parsed = requests(['viscous_friction', 'base_tilt'], JOINTS)
-    assert [(r.target, r.named) for r in parsed] == [
-        ('viscous_friction:shoulder', False), ('viscous_friction:elbow', False),
-        ('base_tilt', True)]
-    with pytest.raises(OptionError, match='did you mean encoder_offset'):
-        requests(['encoder:elbow'], JOINTS)
-
-
-def test_files_keep_effects_and_history(tmp_path):
-    result = rubbing()
-    model = with_step(result.model, fitted(), result.added, '2025-01-01T00:00:00+00:00',
-                      *result.by_joint())
-    save_model(tmp_path / 'm.json', model)
-    again = load_model(tmp_path / 'm.json')
-    assert again.applied.effects == model.applied.effects
-    step = again.history[0]
-    assert (step.action, step.effects) == ('added', FRICTION)
-    assert step.before == result.by_joint()[0]
-    np.testing.assert_array_equal(step.previous.energy.weights, fitted().energy.weights)
-    np.testing.assert_array_equal(predict_torque(again, SAMPLES), predict_torque(model, SAMPLES))
-    document = json.loads((tmp_path / 'm.json').read_text())
-    # The checksum covers a coefficient of friction too.
-    document['model']['applied']['effects'][0]['coefficients']['F_c']['value'] += 0.1
-    (tmp_path / 'm.json').write_text(json.dumps(document))
-    with pytest.raises(ModelFileError, match='damaged'):
-        load_model(tmp_path / 'm.json')
-
-
-ONE = AppliedEffect('x', 'elbow', {}, {'b': Value(1.0, 'N·m', (0.9, 1.1))})
-
-
-@pytest.mark.parametrize('make', [
-    lambda: Value(float('nan'), 'N·m', (0.0, 1.0)),
-    lambda: AppliedEffect('x', None, {}, {}),
-    lambda: AppliedEffect('x', None, {'speed': float('inf')}, ONE.coefficients),
-    lambda: Applied((ONE, ONE)),
-    lambda: Step('forgotten', (), 'today'),
-    lambda: replace(fitted(), applied=Applied((replace(ONE, joint='knee'),))),
-    lambda: replace(fitted(), fitted=Applied((replace(ONE, joint='knee'),))),
-])
-def test_invalid_effects_are_refused(make):
-    with pytest.raises(DataError):
-        make()

@@ -1,24 +1,18 @@
 """Rigid-body dynamics with known axes, compared with Pinocchio's recursive Newton-Euler."""
 
-from dataclasses import replace
 
 from bench.cases.arms import generated_arm
 from bench.shared.campaign import campaign
-from bench.shared.fast_arms import drawn, moved, of_motion, recording, worst
+from bench.shared.fast_arms import drawn, moved, of_motion, worst
 from bench.shared.serial_arms import geometry_of
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.effects.predict import motion_of
-from gravity_comp_ros.effects.request import known_effect, requests
-from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, regressor
-from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.simulation import arms, motions
+from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.arms import iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
@@ -112,31 +106,6 @@ def test_a_joint_without_gravity_does_not_affect_the_others(noise):
     assert np.abs(chain.torque(q) - tau).max() < 1e-4 + 0.5 * noise
 
 
-def test_without_axes_it_is_untestable():
-    samples = recording(generated_arm(0, 3), 0, 3.0)
-    model = fit(samples, FitOptions('potential')).model
-    motion = motion_of(model, samples)
-    assert 'no serial arm' in known_effect('rigid_body_dynamics').untestable(motion, 0)
-    with pytest.raises(DataError, match='cannot be estimated.*no serial arm'):
-        refit(samples, model, requests(['rigid_body_dynamics'], samples.names))
-
-
-def test_a_model_file_includes_the_geometry(tmp_path):
-    model = gravity_of(arms.iiwa7())
-    save_model(tmp_path / 'm.json', model)
-    loaded = load_model(tmp_path / 'm.json').geometry
-    assert loaded.joints == model.joints and loaded.source == model.geometry.source
-    for name in ('rotations', 'origins', 'link_rotation'):
-        assert (getattr(loaded, name) == getattr(model.geometry, name)).all()
-    with pytest.raises(DataError, match='geometry'):
-        replace(model, geometry=replace(model.geometry, joints=tuple('abcdefg')))
-    broken = replace(model.geometry)
-    object.__setattr__(broken, 'origins', np.zeros((2, 3)))
-    save_model(tmp_path / 'bad.json', replace(model, geometry=broken))
-    with pytest.raises(ModelFileError, match='origins'):
-        load_model(tmp_path / 'bad.json')
-
-
 ARM = iiwa7()
 
 
@@ -152,25 +121,3 @@ def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
     residual = samples.tau - result.model.predict(samples.q)
     np.testing.assert_allclose(list(result.report.rmse.values()),
                                np.sqrt((residual ** 2).mean(axis=0)), rtol=1e-9)
-
-
-NOISE = FRICTION = 0.3
-
-
-@pytest.mark.parametrize('seed', [0, *campaign(1)])
-def test_gravity_is_accurate_with_friction_fitted_as_an_effect(seed):
-    arm, motion = arms.iiwa7(), motions.eq17()
-    tau = arms.inverse_dynamics(arm, motion.q, motion.qd, motion.qdd)
-    tau += FRICTION * np.tanh(motion.qd / 0.002)
-    tau += NOISE * np.random.default_rng([seed, 7]).normal(size=tau.shape)
-    samples = JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
-    friction = requests(['coulomb_friction'], samples.names)
-    model = fit(samples, FitOptions('chain'), effects=friction).model
-    values = [next(iter(e.coefficients.values())).value for e in model.applied.effects]
-    assert len(values) == 7 and values == pytest.approx([FRICTION] * 7, abs=0.08)
-    wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
-    for q, bound in ((motions.eq17(start=100.0).q, 0.15), (wide, 0.6)):
-        error = model.predict(q) - arms.gravity_torque(arm, q)
-        assert np.sqrt((error ** 2).mean(axis=0)).max() <= bound
-        inside = np.abs(error) <= 1.96 * np.hypot(model.predict_std(q), NOISE)
-        assert inside.mean() >= 0.95

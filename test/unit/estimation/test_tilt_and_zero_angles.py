@@ -7,21 +7,18 @@ from bench.shared.campaign import campaign
 from bench.shared.serial_arms import geometry_of
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
-from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.kinematic.geometry import same_axes
-from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
-from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics as torque_of
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.vertical import (
     base_tilt_angle, MAX_FITTED_TILT, with_estimated_vertical)
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import (
-    gravity_torque, iiwa7, inverse_dynamics, Payload, with_base_tilt, with_payload)
+    gravity_torque, iiwa7, Payload, with_base_tilt, with_payload)
 from gravity_comp_ros.simulation.motions import eq17
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 from hypothesis import example, given, settings, strategies as st
@@ -91,16 +88,6 @@ def test_uneven_motion_uses_accelerations_of_the_whole_recording():
     assert Recording(replace(slow, qdd=None)).slow.qdd is None
 
 
-def test_the_nominal_arm_models_most_of_the_torque_of_motion():
-    motion, samples = moved(4, 0.15, 0.3, noise=0.0)
-    chain = fit(samples, FitOptions('chain', geometry=AXES)).model.chain
-    nominal = torque_of(AXES, samples.q, samples.qd, motion.qdd,
-                        nominal_parameters(AXES, chain.moments / STANDARD_GRAVITY))
-    torque = (inverse_dynamics(ARM, motion.q, motion.qd, motion.qdd)
-              - gravity_torque(ARM, motion.q))
-    assert np.sqrt(((nominal - torque) ** 2).mean()) < 0.1 * np.sqrt((torque ** 2).mean())
-
-
 MOTION = eq17()
 Q = MOTION.q
 
@@ -147,7 +134,7 @@ def truth_of(arm):
     return -arm.model.gravity.linear / np.linalg.norm(arm.model.gravity.linear)
 
 
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(st.floats(25.0, 180.0), st.floats(0.0, 6.2))
 # The moment about the nearly vertical first axis is then hardly identifiable.
 @example(179.0, 0.03125)
@@ -160,19 +147,12 @@ def test_any_vertical_is_estimated_from_the_torque(angle, about):
     assert estimated.joints == AXES.joints and estimated.origins is AXES.origins
 
 
-@pytest.mark.parametrize('angle', [0.0, 2.0, 10.0])
+@pytest.mark.parametrize('angle', [0.0, 10.0])
 def test_a_small_tilt_is_left_to_the_fit(angle):
     assert with_estimated_vertical(AXES, problem_of(tilted(ARM, np.radians(angle), 1.0))) is AXES
 
 
-@pytest.mark.parametrize('moving', [(), (1,), (0, 1), (3,), (4, 5, 6)])
-def test_motion_of_few_joints_yields_no_other_vertical(moving):
-    q = np.tile([0.3, 0.7, -0.4, 1.1, 0.2, -0.8, 0.5], (len(Q), 1))
-    q[:, list(moving)] = Q[:, list(moving)]
-    assert with_estimated_vertical(AXES, problem_of(ARM, q)) is AXES
-
-
-@pytest.mark.parametrize('joint', [0, 1, 3, *campaign(2, 4, 5, 6)])
+@pytest.mark.parametrize('joint', [1, *campaign(0, 2, 3, 4, 5, 6)])
 def test_unmodelled_effects_yield_no_other_vertical(joint):
     spring, friction = np.zeros((2, *Q.shape))
     spring[:, joint] = 5.0 * (Q[:, joint] - Q[:, joint].mean())
@@ -251,11 +231,6 @@ def test_a_degree_on_every_joint_is_estimated_and_reported(off_by_a_degree):
     assert off_by_a_degree.report.to_json()['zero_angles'] == reported
     warning, = (line for line in off_by_a_degree.report.warnings if 'zero angles differ' in line)
     assert f'iiwa_joint_2 by {np.degrees(reported["iiwa_joint_2"]):.1f}' in warning
-
-
-def test_no_zero_angles_are_reported_without_offsets():
-    result = fit(following(), FitOptions(geometry=AXES))
-    assert result.report.zero_angles == {} and result.report.warnings == ()
 
 
 def test_a_payload_is_estimated_with_the_corrected_zero_angles(off_by_a_degree):

@@ -8,7 +8,6 @@ from pathlib import Path
 import sys
 
 from bench.shared.serial_arms import planar_2r, poses, samples_of
-from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -95,15 +94,6 @@ def test_the_round_trip_of_any_model_is_exact(tmp_path_factory, model):
     assert again.provenance == model.provenance
 
 
-def test_the_file_is_json_with_format_version_and_checksum(saved):
-    document = json.loads(saved.read_text())
-    assert document['format'] == 'gravity_comp_ros model'
-    assert document['version'] == model_file.VERSION
-    assert document['model']['joints'] == ['axis0', 'axis1']
-    assert signed(document['model']) and json.loads(signed(document['model'])) == document
-    assert saved.read_text().endswith('}\n') and saved.read_text().isascii()
-
-
 def test_truncated_files_are_refused(saved):
     data = saved.read_bytes()
     for length in [*range(0, len(data) - 1, 37), len(data) - 2, len(data) - 3]:
@@ -129,28 +119,22 @@ def test_a_flipped_bit_does_not_change_the_model_silently(saved):
     assert outcomes['refused'] > 300
 
 
-@pytest.mark.parametrize('version', [0, 2, 4, None, '5', [5]])
+@pytest.mark.parametrize('version', [0, 4, None, '5'])
 def test_another_version_is_refused(saved, version):
     saved.write_text(signed(json.loads(saved.read_text())['model'], version=version))
     refused(saved, 'this program reads version 5')
 
 
 @pytest.mark.parametrize('data', [
-    b'{}', b'[]', b'null', b'3', b'"text"', b'{"format": "other", "version": 1}',
-    b'{"model": {}, "version": 1}', b'', b' ', b'not json', bytes(100), bytes(10000),
-    b'\x89PNG\r\n\x1a\n' + bytes(range(256)), b'\xff\xfe\x00', b'\x80\x04\x95pickle'])
+    b'{}', b'[]', b'null', b'"text"', b'{"format": "other", "version": 1}',
+    b'{"model": {}, "version": 1}', b'', b'not json', bytes(100),
+    b'\x89PNG\r\n\x1a\n' + bytes(range(256)), b'\xff\xfe\x00'])
 def test_other_files_are_refused(saved, data):
     saved.write_bytes(data)
     refused(saved, 'not a model file')
 
 
-@pytest.mark.parametrize('body', [None, [], 'x', 3])
-def test_a_body_that_is_not_an_object_is_refused(saved, body):
-    saved.write_text(signed(body))
-    refused(saved, 'damaged')
-
-
-@pytest.mark.parametrize('depth', [100, 900, 5000, 100000])
+@pytest.mark.parametrize('depth', [100, 100000])
 def test_deep_nesting_is_refused(saved, depth):
     nested = '[' * depth + ']' * depth
     saved.write_text(f'{{"format": "gravity_comp_ros model", "version": 5, "sha256": "0", '
@@ -173,24 +157,16 @@ def replacing(**changes):
 
 
 @pytest.mark.parametrize('edit', [
-    replacing(joints=['axis0']), replacing(joints=['axis0', 'axis0']), replacing(joints=3),
-    replacing(joints=[]), replacing(joints=[f'j{k}' for k in range(13)]),
-    replacing(formulation='magic'), replacing(formulation=['potential']),
-    replacing(noise=[0.1]), replacing(noise='loud'), replacing(noise=[[0.1], [0.1]]),
-    replacing(coverage={}), replacing(coverage=None),
+    replacing(joints=['axis0']), replacing(joints=['axis0', 'axis0']), replacing(joints='ab'),
+    replacing(joints=[f'j{k}' for k in range(13)]), replacing(formulation='magic'),
+    replacing(noise=[0.1]), replacing(noise=['0.1', '0.1']), replacing(coverage=None),
     replacing(coverage={'q_min': [0.0], 'q_max': [1.0], 'n_samples': 3, 'n_runs': 1}),
     replacing(energy={'indices': [1, 1], 'weights': [1.0, 1.0]}),
     replacing(energy={'indices': [9], 'weights': [1.0]}),
-    replacing(energy={'indices': [-1], 'weights': [1.0]}),
-    replacing(energy={'indices': [1], 'weights': []}),
     replacing(energy={'indices': [10 ** 30], 'weights': [1.0]}),
-    replacing(energy={'indices': [1], 'weights': ['x']}),
     replacing(energy={'indices': [1], 'weights': [None]}),
     replacing(energy={'indices': [1.5], 'weights': [1.0]}),
-    replacing(energy=None), replacing(energy={}), replacing(surprise=1),
-    replacing(provenance=3), replacing(joints='ab'), replacing(noise=['0.1', '0.1']),
-    lambda body: body.pop('energy'), lambda body: body.pop('noise'),
-])
+    replacing(energy=None), replacing(surprise=1), lambda body: body.pop('noise')])
 def test_an_invalid_file_with_a_valid_checksum_is_refused(saved, edit):
     body = json.loads(saved.read_text())['model']
     edit(body)
@@ -216,18 +192,6 @@ def test_a_model_without_json_form_is_not_written(saved, noise, provenance):
     check_same(load_model(saved), MODEL)
 
 
-def test_the_round_trip_of_a_model_without_terms(tmp_path):
-    rng = np.random.default_rng(0)
-    t = np.arange(200) * 0.2
-    q = np.sin(0.1 * t)[:, None]
-    samples = JointSamples.single_run(('turntable',), t, q, np.zeros_like(q),
-                                      rng.normal(scale=0.1, size=q.shape))
-    model = fit(samples, FitOptions('potential')).model
-    save_model(tmp_path / 'm.json', model)
-    again = load_model(tmp_path / 'm.json')
-    assert not again.predict(q).any() and not again.predict_std(q).any()
-
-
 def model_of(*torques: dict[int, float], q_min=None, q_max=None) -> GravityModel:
     """Return a model with these weights by feature, joint by joint."""
     n = len(torques)
@@ -246,17 +210,6 @@ def test_equations_in_the_notation_of_the_paper():
     np.testing.assert_array_equal(model.n_features(), [3, 0])
     with pytest.raises(DataError, match='no joint j9 in the model; it has j0, j1'):
         model.equation('j9')
-
-
-def test_torques_by_hand():
-    model = model_of({5: -20.0, 1: 3.0}, {0: 2.0})
-    q = np.array([[0.3, 0.7], [-1.0, 2.0]])
-    expected = np.column_stack([-20 * np.sin(q[:, 0]) * np.cos(q[:, 1]) + 3 * np.sin(q[:, 1]),
-                                [2.0, 2.0]])
-    np.testing.assert_allclose(model.predict(q), expected, rtol=1e-14)
-    np.testing.assert_allclose(model.predict(q[0]), expected[:1], rtol=1e-14)
-    with pytest.raises(DataError, match='model of 2 joints was given poses of 3'):
-        model_of({}, {}).predict(np.zeros((5, 3)))
 
 
 @given(n_joints=st.integers(1, 7), seed=st.integers(0, 10 ** 6))
@@ -296,13 +249,6 @@ def test_distance_from_the_trained_range():
         model.coverage.distance(np.array([[1.2, -0.7], [-3.0, 0.1]])), [[0.2, 0.7], [2.0, 0.0]])
 
 
-def test_the_gradient_of_an_expansion_by_hand():
-    # d/dq2 of 3 s1 c2 + 2 s2 + 5: -3 s1 s2 + 2 c2.
-    energy = Expansion(np.array([0, 1, 5]), np.array([5.0, 2.0, 3.0]))
-    gradient = energy.gradient(2, 1)
-    assert dict(zip(gradient.indices.tolist(), gradient.weights)) == {2: 2.0, 4: -3.0}
-
-
 @pytest.mark.parametrize('indices, weights, message', [
     ([1, 1], [1.0, 1.0], 'ascending and unique'), ([2, 1], [1.0, 1.0], 'ascending'),
     ([-1], [1.0], 'ascending'), ([1], [], 'weights'), ([[1]], [[1.0]], 'weights'),
@@ -319,5 +265,7 @@ def test_models_with_inconsistent_parts_are_refused():
     with pytest.raises(DataError, match='2 joint names'):
         GravityModel(good.joints, 'per_joint', good.torques[:1], None, good.noise,
                      good.coverage)
+    with pytest.raises(DataError, match='model of 2 joints was given poses of 3'):
+        good.predict(np.zeros((5, 3)))
     with pytest.raises(DataError, match='joint names'):
         GravityModel(('a', 'a'), 'per_joint', good.torques, None, good.noise, good.coverage)

@@ -19,13 +19,6 @@ def orthonormal(coefficients, rows: int = 20):
     return DenseDesign(a), a @ np.asarray(coefficients, dtype=float)
 
 
-@pytest.mark.parametrize('n_joints', [1, 2, 5, 8])
-def test_the_prior_over_all_features_sums_to_one(n_joints):
-    price = support.costs(n_joints, 50)
-    assert price.shape == (3 ** n_joints,)
-    assert np.exp(-0.5 * (price - LN(50))).sum() == pytest.approx(1.0, rel=1e-12)
-
-
 def test_prices_and_score_by_hand():
     price = support.costs(2, 100)
     assert price[0] == pytest.approx(LN(100) + 4 * LN(1.5))                 # 1
@@ -37,40 +30,24 @@ def test_prices_and_score_by_hand():
     assert support.score(kept, 1, 20) == pytest.approx(10.0 + LN(20) + 2 * LN(6))
 
 
-@pytest.mark.parametrize('feature, factor', [(0, 1.5), (1, 6.0), (2, 6.0)])
+@pytest.mark.parametrize('feature, factor', [(0, 1.5), (1, 6.0)])
 @pytest.mark.parametrize('margin, kept', [(1e-3, True), (-1e-3, False)])
-@pytest.mark.parametrize('start', ['inside', 'outside'])
-def test_a_feature_is_kept_if_and_only_if_worth_its_price(feature, factor, margin, kept, start):
+def test_a_feature_is_kept_if_and_only_if_worth_its_price(feature, factor, margin, kept):
     # In an orthonormal design, dropping k raises chi^2 by b_k^2 and saves its price.
     x = np.zeros(3)
     x[feature] = np.sqrt(LN(20) + 2 * LN(factor) + margin)
     others = np.array([10.0, 10.0, 10.0]) * (np.arange(3) != feature)
     design, b = orthonormal(x + others)
-    given_start = np.arange(3) if start == 'inside' else np.flatnonzero(others)
-    selected = support.select_support(design, b, given_start, 1, ALL_OF_ONE)
-    assert (feature in selected.indices) == kept
-    assert set(np.flatnonzero(others)) <= set(selected.indices)
+    for start in (np.arange(3), np.flatnonzero(others)):
+        selected = support.select_support(design, b, start, 1, ALL_OF_ONE)
+        assert (feature in selected.indices) == kept
+        assert set(np.flatnonzero(others)) <= set(selected.indices)
 
 
-def test_refit_of_nothing_and_of_columns_that_are_zero_or_copies():
-    b = np.array([1.0, 2.0, 2.0])
-    nothing = support.refit(DenseDesign(np.eye(3)), b, np.zeros(0, dtype=np.int64))
-    assert nothing.chi2 == 9.0 and nothing.x.size == 0
-    a = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    selected = support.refit(DenseDesign(a), b, np.arange(3))
-    np.testing.assert_allclose(selected.x, [0.5, 0.5, 0.0], atol=1e-12)
-    assert selected.chi2 == pytest.approx(8.0)
-
-
-@given(st.integers(1, 9).flatmap(lambda n: st.tuples(st.just(n),
-                                                     st.integers(0, 3 ** n - 1))))
-def test_neighbours_differ_in_one_factor(case):
-    n_joints, index = case
-    near = support.neighbours_of(np.array([index]), n_joints)[0]
-    assert len(set(near.tolist())) == 2 * n_joints
-    own = dictionary.digits(np.array([index]), n_joints)[0]
-    differences = (dictionary.digits(near, n_joints) != own).sum(axis=1)
-    assert (differences == 1).all()
+def test_neighbours_differ_in_one_factor():
+    near = support.neighbours_of(np.array([100]), 5)[0]
+    own, others = (dictionary.digits(indices, 5) for indices in (np.array([100]), near))
+    assert len(set(near.tolist())) == 10 and ((others != own).sum(axis=1) == 1).all()
 
 
 def every_single_step(indices: np.ndarray, usable: np.ndarray, n_joints: int):
@@ -118,7 +95,7 @@ def test_no_single_step_lowers_the_score_of_a_selected_support(problem):
     np.testing.assert_array_equal(again.indices, selected.indices)
 
 
-@pytest.mark.parametrize('samples', [15, 20, 40])
+@pytest.mark.parametrize('samples', [15, 40])
 def test_the_search_ends_despite_rounding(samples):
     # Over 0.05 rad all features are nearly collinear, and the torque is 10^5 times its noise.
     rng = np.random.default_rng(0)
@@ -134,19 +111,6 @@ def test_the_search_ends_despite_rounding(samples):
     assert np.isfinite(best.x).all() and all(len(other) == len(best.indices) for other in near)
 
 
-def test_no_profitable_feature_of_many_is_missed():
-    rng = np.random.default_rng(6)
-    q = rng.uniform(-3, 3, (400, 10))
-    true = rng.choice(3 ** 10, 12, replace=False)
-    b = dictionary.columns(q, true) @ rng.choice([-15.0, 12.0], 12) + rng.normal(size=400)
-    design, usable = TorqueDesign(q, np.ones((400, 1))), np.ones(3 ** 10, dtype=bool)
-    selected = support.select_support(design, b, np.zeros(0, dtype=np.int64), 10, usable)
-    assert set(true) <= set(selected.indices.tolist())
-    residual = b - design.columns(selected.indices) @ selected.x
-    gain = design.correlate(residual) ** 2 / design.squared_norms - support.costs(10, 400)
-    assert np.delete(gain, selected.indices).max() < 0.0
-
-
 def test_the_simplest_of_dependent_columns_is_kept():
     # Joint 2 is at rest at 0.5: s1 s2 and s1 c2 are copies of s1, which is cheaper.
     rng = np.random.default_rng(2)
@@ -159,9 +123,8 @@ def test_the_simplest_of_dependent_columns_is_kept():
 
 
 @pytest.mark.parametrize('kind', [TorqueDesign, EnergyDesign])
-@pytest.mark.parametrize('seed', range(5))
-def test_a_true_small_support_is_selected(kind, seed):
-    rng = np.random.default_rng(seed)
+def test_a_true_small_support_is_selected(kind):
+    rng = np.random.default_rng(0)
     q = rng.uniform(-2.5, 2.5, (200, 4))
     truth = np.sort(1 + rng.choice(80, 5, replace=False))
     x = rng.choice([-1, 1], 5) * rng.uniform(1, 20, 5)
@@ -179,12 +142,6 @@ def equivalents_of(design, b, indices):
     best = support.refit(design, b, np.array(indices))
     near = support.equivalents(b, best, 1, support.gram_of(design, ALL_OF_ONE))
     return [other.tolist() for other in near]
-
-
-def test_supports_that_the_data_do_not_distinguish_are_equivalent():
-    # The columns of s1 and c1 are the same vector.
-    a = np.eye(20)[:, [0, 1, 1]]
-    assert equivalents_of(DenseDesign(a), a @ [0.0, 8.0, 0.0], [1]) == [[2]]
 
 
 @pytest.mark.parametrize('difference, near', [(7.9, [[2]]), (8.1, [])])
@@ -231,9 +188,8 @@ def test_input_that_is_not_finite_is_an_error():
         lstsq(x, np.ones(3))
 
 
-@pytest.mark.parametrize('seed', range(5))
-def test_non_negative_solutions(seed):
-    rng = np.random.default_rng(seed)
+def test_non_negative_solutions():
+    rng = np.random.default_rng(0)
     # As for the masses of a nominal arm: few moments, with a weak regularisation.
     x = np.concatenate([rng.normal(size=(14, 100)), 0.03 * np.eye(100)])
     y = np.concatenate([rng.normal(size=14), np.zeros(100)])

@@ -30,16 +30,7 @@ def run_of(t, values=None):
     return JointSamples.single_run(('a',), t, t[:, None] - t[0], column, column)
 
 
-def test_rows_are_means_over_a_tenth_of_a_second():
-    t = np.arange(20) / 50.0
-    rows = rows_of(run_of(t, np.arange(20)), OPTIONS)
-    np.testing.assert_array_equal(rows.count, [5, 5, 5, 5])
-    np.testing.assert_allclose(rows.mean(np.arange(20.0)), [2.0, 7.0, 12.0, 17.0])
-    np.testing.assert_allclose(rows.t, [0.04, 0.14, 0.24, 0.34])
-    assert (rows.weights == 1.0).all()
-
-
-@pytest.mark.parametrize('rate', [30.0, 50.0, 100.0, 125.0, 500.0, 1000.0])
+@pytest.mark.parametrize('rate', [30.0, 125.0, 1000.0])
 def test_rounding_of_the_stamps_does_not_change_the_rows(rate):
     number = np.arange(int(4.0 * rate))
     counts = [rows_of(run_of(t), OPTIONS).count for t in (
@@ -215,14 +206,13 @@ def test_viscous_friction_by_hand():
     assert variance.mean() == pytest.approx((2.0 * SPEED) ** 2 / 5.0, rel=0.1)
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_rows_with_a_reversal_have_the_error_of_friction(seed):
+def test_rows_with_a_reversal_have_the_error_of_friction():
     def torque(q, qd, t):
         runs = np.split(q[:, 0], np.flatnonzero(np.diff(t) < 0.0) + 1)
         return (4.0 * np.sin(q) - np.cos(q) + np.concatenate(
             [presliding_state(run, 5e-5) for run in runs])[:, None])
 
-    true, samples = measured(seed, torque)
+    true, samples = measured(0, torque)
     fit = fitted(samples, ('coulomb_friction', {'distance': 5e-5}))
     std = np.sqrt(variance_by_motion(fit.posterior, fit.factory))[:, 0]
     term, = fit.posterior.terms
