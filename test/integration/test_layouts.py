@@ -72,18 +72,3 @@ def test_layouts_are_up_to_date(tmp_path):
                        '--joint-states', '/arm/joint_states'])
     text = (tmp_path / 'plotjuggler.xml').read_text()
     assert 'name="/arm/joint_states/elbow/effort"' in text and 'iiwa' not in text
-
-
-def test_foxglove_panels_match_the_layout_tree():
-    layout = json.loads((LAYOUTS / 'foxglove.json').read_text())
-    names = []
-
-    def walk(node):
-        if isinstance(node, str):
-            names.append(node)
-        else:
-            walk(node['first'])
-            walk(node['second'])
-
-    walk(layout['layout'])
-    assert sorted(names) == sorted(layout['configById'])

@@ -19,23 +19,17 @@ def keywords(call):
     return {k.arg: k.value for k in call.keywords}
 
 
-def test_it_starts_the_executable_that_is_installed():
+def test_it_starts_the_installed_executable_with_declared_arguments():
     compile(SOURCE, 'gravity_comp.launch.py', 'exec')
     node = keywords(*calls('Node'))
     assert node['package'].value == 'gravity_comp_ros'
     assert node['name'].value == 'gravity_comp'
     assert f"'{node['executable'].value} = gravity_comp_ros.node.main:main'" in (
         ROOT / 'setup.py').read_text()
-
-
-def test_all_arguments_are_declared():
     declared = {call.args[0].value for call in calls('DeclareLaunchArgument')}
     used = {call.args[0].value for call in calls('LaunchConfiguration')}
     assert declared == used == {
         'params_file', 'namespace', 'joint_states', 'commands', 'use_sim_time', 'respawn'}
-
-
-def test_the_default_parameters_are_in_the_package():
     parts = [item.value for call in calls('PathJoinSubstitution')
              for item in call.args[0].elts[1:]]
     assert (ROOT / Path(*parts)).is_file()
