@@ -7,24 +7,21 @@ Run from the root of the repository:
         --arms iiwa7,six_axis,right_seven,right_six,any_six
 
 The folder stores the diagnosis of every recording, so that a stopped campaign resumes. Results of
-older code are recomputed, unless --keep is given. Summaries are `campaign.json` and `campaign.md`
-in the same folder.
+older code are recomputed, unless --keep is given. `campaign.md` in the same folder is the table.
 """
 
 from __future__ import annotations
 
 import argparse
 from functools import partial
-import json
 from pathlib import Path
-import resource
 import sys
 from time import monotonic
 from typing import Any
 
 from bench.campaign.judging import judging_case, KINDS
 from bench.campaign.score import ALWAYS_THERE
-from bench.campaign.table import markdown, summary, Task
+from bench.campaign.table import markdown, Task
 from bench.cases.cases import Case, recordings
 from bench.shared.stored import fingerprint, load, run
 from gravity_comp_ros.diagnosis.diagnose import diagnose
@@ -51,7 +48,6 @@ def main() -> int:
     run(partial(run_one, floor=not args.no_floor), missing, lambda task: folder / task.file, code,
         args.jobs, lambda result: f'{result["file"]} in {result["seconds"]:.1f} s')
     results = [(task, result) for task in tasks if (result := load(folder / task.file))]
-    (folder / 'campaign.json').write_text(json.dumps(summary(results), indent=1))
     (folder / 'campaign.md').write_text(markdown(results))
     print(markdown(results))
     return 0
@@ -84,7 +80,6 @@ def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
     start = monotonic()
     result: dict[str, Any] = {'file': task.file, 'diagnosis': diagnose(samples).to_json()}
     result['seconds'] = monotonic() - start
-    result['peak_mb'] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     result['joints'] = list(samples.names)
     if floor and not task.case.untestable:
         oracle = diagnose(samples, options=DiagnosisOptions(

@@ -43,16 +43,6 @@ def test_the_true_effect_on_its_joint_is_right():
     assert [(i.truth, i.covers) for i in judged.intervals] == [(2.0, True)]
 
 
-def test_another_joint_or_effect_is_a_false_alarm_and_a_miss():
-    for wrong in (finding('coulomb_friction', ELBOW), finding('torque_offset')):
-        judged = judge('coulomb', wrong)
-        assert judged.named == (False,) and len(judged.false) == 1 and not judged.right
-    assert judge('coulomb', finding('coulomb_friction', ELBOW)).false == (
-        'coulomb_friction:4 (established)',)
-    both = judge('coulomb', COULOMB, finding('stribeck_friction', verdict='likely'))
-    assert both.named == (True,) and not both.right and len(both.false) == 1
-
-
 def tied(*alternatives, verdict='ambiguous'):
     return finding('stribeck_friction', verdict=verdict, alternatives=alternatives)
 
@@ -65,18 +55,15 @@ OFFSET = finding('torque_offset', verdict='untestable')
     ('coulomb', [COULOMB, finding('presliding_hysteresis'), finding(DYNAMICS, None)], True),
     # An ambiguous finding counts if the truth is among its alternatives.
     ('coulomb', [tied('coulomb_friction')], True),
-    ('coulomb', [tied(f'coulomb_friction:{SHOULDER}')], True),
     ('coulomb', [tied(f'coulomb_friction:{ELBOW}')], False),
-    ('coulomb', [tied('viscous_friction')], False),
     ('coulomb', [tied('coulomb_friction', verdict='weak')], False),
     # A weak finding is neither found nor false.
     ('coulomb', [finding('coulomb_friction', verdict='weak')], False),
     ('coulomb', [COULOMB, finding('torque_offset', verdict='weak')], True),
+    ('coulomb', [COULOMB, finding('stribeck_friction', verdict='likely')], False),
     # Alternatives of a truth, and effects of the whole arm.
     ('cable', [finding('joint_spring', ELBOW)], True),
-    ('cable', [finding('cable_stiffness', None)], False),
     ('tilt', [finding('base_tilt', None)], True),
-    ('tilt', [finding('base_tilt', JOINTS[0])], True),
     # Every truth has to be named.
     ('both', [finding('coulomb_friction', ELBOW)], False),
     ('both', [finding('coulomb_friction', ELBOW), finding('viscous_friction', ELBOW)], True),
@@ -85,15 +72,13 @@ OFFSET = finding('torque_offset', verdict='untestable')
     ('one_way', [finding('coulomb_friction', verdict='ambiguous',
                          alternatives=['torque_offset'])], True),
     ('one_way', [{**OFFSET, 'rivals': ['coulomb_friction']}, finding('joint_spring')], False),
-    ('one_way', [OFFSET], False), ('one_way', [finding('torque_offset')], False),
-    ('one_way', [], False)])
+    ('one_way', [finding('torque_offset')], False)])
 def test_an_answer_is_right_or_wrong(name, findings, right):
     assert judge(name, *findings).right == right
 
 
 def done(name, seed, *findings, floor=0.1):
-    result = {'diagnosis': diagnosis(*findings), 'seconds': 2.0, 'joints': list(JOINTS),
-              'peak_mb': 100.0}
+    result = {'diagnosis': diagnosis(*findings), 'seconds': 2.0, 'joints': list(JOINTS)}
     if not CASES[name].untestable:
         result['floor'] = dict.fromkeys(JOINTS, floor)
     return table.Task(CASES[name], seed, 50.0), result
@@ -103,14 +88,7 @@ def test_totals_by_hand():
     rows = [done('coulomb', 0, COULOMB), done('coulomb', 1, finding('joint_spring')),
             done('coulomb', 2, COULOMB, floor=0.05),
             done('one_way', 0, {**OFFSET, 'rivals': ['coulomb_friction']})]
-    every = table.summary(rows)['all']
-    assert (every['recordings'], every['solvable'], every['open_cases']) == (4, 3, 1)
-    assert every['named'] == pytest.approx(2 / 3) and every['with_false'] == 0.25
-    assert every['covered'] == 1.0 and every['intervals'] == 2 and every['open_said'] == 1.0
     # Errors are 0.11 N·m relative to floors of 0.1, 0.1 and 0.05 N·m.
-    assert every['error_within'] == pytest.approx(2 / 3) and every['with_error'] == 3
-    assert every['error_ratio_max'] == pytest.approx(2.2)
-    assert every['missed'] == ['seed 1: coulomb_friction:2']
-    assert every['false'] == ['seed 1: joint_spring:2 (established)']
-    assert '| iiwa7 coulomb | 67 % | 67 % | 33 % | 100 % | 1.1, at most 2.2 |' in (
+    assert ('| all | 2 of 3 | 1 of 1 | 1 of 4 | 2 of 2 | 2 of 3, 2.20 | 2, 2 | '
+            'seed 1: missed coulomb_friction; seed 1: joint_spring:2 (established) |') in (
         table.markdown(rows))
