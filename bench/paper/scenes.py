@@ -23,21 +23,12 @@ FloatArray = NDArray[np.float64]
 FRICTION = NOISE = 0.3
 # Velocity scale, in rad/s, of the sign change of Coulomb friction.
 _WIDTH = 0.002
+# Numbers of training samples, of test poses, and of poses within the joint limits.
+_TRAINING, _TEST, _ANYWHERE = 500, 200, 1000
 # Mass in kg and centre of mass in m.
 PAYLOADS = {'1.8 kg, off the axis (a polishing tool)': (1.8, (0.03, 0.02, 0.12)),
             '2 kg (counterweight)': (2.0, (0.0, 0.0, 0.1)),
             '4 kg (counterweights)': (4.0, (0.0, 0.0, 0.1))}
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """Numbers of training and test samples."""
-
-    poses: int = 1000
-    motion: int = 500
-    test: int = 200
-    few: int = 50
-    anywhere: int = 1000
 
 
 @dataclass(frozen=True)
@@ -58,7 +49,6 @@ class Scene:
     `first_loaded` those of the first seconds with it.
     """
 
-    title: str
     nominal: arms.Arm
     train: JointSamples
     inside: Reference
@@ -67,28 +57,25 @@ class Scene:
     first_loaded: JointSamples | None = None
 
 
-def simulated(seed: int, sizes: Sizes = Sizes()) -> Scene:
+def simulated(seed: int) -> Scene:
     """Return Table 3: random poses with 1 % noise, tested on Eq. (15)."""
     arm = arms.iiwa7()
     rng = np.random.default_rng([seed, 3])
-    q = motions.random_poses(arm.lower, arm.upper, sizes.poses, seed).q
+    q = motions.random_poses(arm.lower, arm.upper, 1000, seed).q
     tau = arms.gravity_torque(arm, q)
     train = JointSamples.single_run(arm.joints, 2.0 * np.arange(len(q)), q, np.zeros_like(q),
                                     tau * (1.0 + 0.01 * rng.normal(size=tau.shape)))
-    test = motions.eq15().q[:sizes.test]
-    return Scene('Table 3: 1000 random poses, 1 % noise; tested on Eq. (15)', arm, train,
-                 _exact(arm, test), _anywhere(arm, sizes))
+    return Scene(arm, train, _exact(arm, motions.eq15().q[:_TEST]), _anywhere(arm))
 
 
 def small_motion(seed: int) -> Scene:
     """Return 100 s of Eq. (17) with 0.1 N·m of noise, gravity alone; tested later on it."""
-    arm, sizes = arms.iiwa7(), Sizes()
+    arm = arms.iiwa7()
     train = synthesise(arm, motions.eq17(), SynthesisOptions(
         static=True, seed=seed, noise=NoiseOptions(absolute=0.1)))
     later = motions.eq17(start=100.0).q
-    poses = motions.random_poses(arm.lower, arm.upper, sizes.anywhere, seed=1234).q
-    return Scene('Eq. (17): gravity alone, 0.1 N·m noise', arm, train, _exact(arm, later),
-                 _exact(arm, poses))
+    poses = motions.random_poses(arm.lower, arm.upper, _ANYWHERE, seed=1234).q
+    return Scene(arm, train, _exact(arm, later), _exact(arm, poses))
 
 
 def friction_test(joint: int, count: int = 200) -> tuple[float, float]:
@@ -125,22 +112,21 @@ def real_arm() -> arms.Arm:
     return arms.Arm('built', arm.joints, model, arm.lower, arm.upper, arm.max_speed)
 
 
-def real(seed: int, payload: str | None = None, sizes: Sizes = Sizes()) -> Scene:
+def real(seed: int, payload: str | None = None) -> Scene:
     """Return Tables 4 and 8, or Table 5 with a payload: 100 s of Eq. (17), tested later on it."""
     bare = real_arm()
     arm = bare if payload is None else arms.with_payload(bare, arms.Payload(*PAYLOADS[payload]))
-    train = _recorded(arm, [seed, 4], 0.0, sizes.motion)
-    later = motions.eq17(start=300.0, duration=sizes.test / 5)
+    train = _recorded(arm, [seed, 4], 0.0, _TRAINING)
+    later = motions.eq17(start=300.0, duration=_TEST / 5)
     # Later poses outside the trained range are not test poses of `inside`.
     low, high = train.q.min(axis=0), train.q.max(axis=0)
     within = ((later.q >= low) & (later.q <= high)).all(axis=1)
-    measured = _recorded(arm, [seed, 5], 300.0, sizes.test).tau
+    measured = _recorded(arm, [seed, 5], 300.0, _TEST).tau
     inside = Reference(later.q[within], arms.gravity_torque(arm, later.q[within]),
                        measured[within])
-    title = 'Tables 4 and 8: 100 s of Eq. (17), no payload' if payload is None else payload
-    return Scene(title, arms.iiwa7(), train, inside, _anywhere(arm, sizes),
-                 None if payload is None else _recorded(bare, [seed, 6], 0.0, sizes.motion),
-                 None if payload is None else _recorded(arm, [seed, 7], 100.0, sizes.few))
+    return Scene(arms.iiwa7(), train, inside, _anywhere(arm),
+                 None if payload is None else _recorded(bare, [seed, 6], 0.0, _TRAINING),
+                 None if payload is None else _recorded(arm, [seed, 7], 100.0, 50))
 
 
 def _recorded(arm: arms.Arm, seed: list[int], start: float, count: int) -> JointSamples:
@@ -151,9 +137,9 @@ def _recorded(arm: arms.Arm, seed: list[int], start: float, count: int) -> Joint
     return JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
 
 
-def _anywhere(arm: arms.Arm, sizes: Sizes) -> Reference:
+def _anywhere(arm: arms.Arm) -> Reference:
     return _exact(arm, np.random.default_rng(1234).uniform(
-        arm.lower, arm.upper, (sizes.anywhere, arm.n_joints)))
+        arm.lower, arm.upper, (_ANYWHERE, arm.n_joints)))
 
 
 def _exact(arm: arms.Arm, q: FloatArray) -> Reference:

@@ -3,7 +3,7 @@
 from bench.paper import baselines
 from bench.paper.methods import Fitted, score, worst
 from bench.paper.run import PAGE, TABLES, with_table
-from bench.paper.scenes import Scene, simulated, Sizes
+from bench.paper.scenes import Scene, simulated
 from gravity_comp_ros.simulation import arms
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ import pytest
 
 @pytest.fixture(scope='module')
 def scene() -> Scene:
-    return simulated(0, Sizes(200, 250, 20, 50, 50))
+    return simulated(0)
 
 
 def test_the_page_has_a_place_for_every_table():
