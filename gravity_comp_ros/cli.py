@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 import importlib
 import io
@@ -10,20 +9,16 @@ import os
 import shlex
 import sys
 import traceback
-from typing import NoReturn
 
 from gravity_comp_ros import __version__
-from gravity_comp_ros.commands.arguments import message_of
-from gravity_comp_ros.commands.outputs import check_outputs
-from gravity_comp_ros.commands.usage import VERBS
+from gravity_comp_ros.commands import summary, VERBS
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
 
 PROGRAM = 'gravity_comp'
 
-DESCRIPTION = """\
-Learn the gravity torque of a robot arm from recorded joint states, and evaluate the model.
-"""
+HELP = 'Learn the gravity torque of a robot arm from recorded joint states, and evaluate the ' \
+    'model.'
 EXAMPLE = """\
 the loop:
   gravity_comp info run1.mcap                       joints, speeds, coverage of a recording
@@ -74,19 +69,6 @@ EXIT_INTERRUPTED = 130
 EXIT_PIPE_CLOSED = 141
 
 
-class Parser(argparse.ArgumentParser):
-    """An argument parser without abbreviated options; its errors are printable."""
-
-    def __init__(self, *args: object, **kwargs: object) -> None:
-        kwargs.setdefault('allow_abbrev', False)
-        kwargs.setdefault('formatter_class', argparse.RawDescriptionHelpFormatter)
-        super().__init__(*args, **kwargs)  # type: ignore[arg-type]
-
-    def error(self, message: str) -> NoReturn:
-        """Exit with status 2 and one line."""
-        self.exit(2, f'{self.prog}: {printable(message)} (see `{self.prog} --help`)\n')
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """
     Run the program and return its exit status.
@@ -120,32 +102,29 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _overview(argv: list[str]) -> int:
     """Print help or the version, or report an unknown verb or option."""
-    parser = Parser(prog=PROGRAM, usage=f'{PROGRAM} VERB ...', description=DESCRIPTION,
-                    epilog=_verb_list() + '\n' + EXAMPLE)
-    parser.add_argument('--version', action='version', version=f'{PROGRAM} {__version__}')
-    parser.add_argument('verb', nargs='?', help=argparse.SUPPRESS)
-    known, _ = parser.parse_known_args(argv)
-    if known.verb is None and not argv:
-        parser.print_help(sys.stderr)
-        return 2
-    wrong = f'unknown verb {known.verb}' if known.verb else f'unknown option {argv[0]}'
-    parser.error(f'{wrong}; the verbs are {", ".join(VERBS)}')
-
-
-def _verb_list() -> str:
-    lines = ['verbs:', *(f'  {name:<10} {verb.text}' for name, verb in VERBS.items())]
-    return '\n'.join(lines) + '\n'
+    given = argv[0] if argv else '--help'
+    if given == '--version':
+        print(f'{PROGRAM} {__version__}')
+    elif given in ('-h', '--help'):
+        verbs = ''.join(f'  {verb:<10} {summary(verb)}\n' for verb in VERBS)
+        print(f'usage: {PROGRAM} VERB ...\n\n{HELP}\n\nverbs:\n{verbs}\n{EXAMPLE}', end='',
+              file=sys.stdout if argv else sys.stderr)
+    else:
+        what = 'option' if given.startswith('-') else 'verb'
+        return _fail(PROGRAM, f'unknown {what} {given}; the verbs are {", ".join(VERBS)} (see '
+                              f'`{PROGRAM} --help`)', 2)
+    return 0 if argv else 2
 
 
 def _run_verb(verb: str, argv: list[str]) -> int:
-    usage = VERBS[verb]
-    parser = Parser(prog=f'{PROGRAM} {verb}', description=usage.text, epilog=usage.epilog)
-    usage.add_arguments(parser)
+    # Numerical modules are imported only now, when the number of threads is set.
+    from gravity_comp_ros.commands.arguments import verb_parser
+    from gravity_comp_ros.commands.outputs import check_outputs
+    parser = verb_parser(verb)
     parser.set_defaults(command=shlex.join([PROGRAM, verb, *argv]), parser=parser)
     # Options may appear between positional arguments.
     args = parser.parse_intermixed_args(argv)
     check_outputs(args)
-    # Numerical modules are imported only now, so that help and usage errors are fast.
     answer = importlib.import_module(f'gravity_comp_ros.commands.{verb}').run(args)
     return answer if isinstance(answer, int) else int(answer.give(args.json))
 
@@ -153,6 +132,7 @@ def _run_verb(verb: str, argv: list[str]) -> int:
 def _one_line(error: Exception) -> str:
     """Return the error message for the user."""
     if isinstance(error, GravityCompError):
+        from gravity_comp_ros.commands.arguments import message_of
         return message_of(error)
     if isinstance(error, ImportError):
         missing = (error.name or '').split('.')[0]

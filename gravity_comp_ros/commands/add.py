@@ -1,4 +1,18 @@
-"""`gravity_comp add`: add effects to a model with a joint refit, or undo the last addition."""
+"""
+Add effects to a model, refit it, and compare held-out errors.
+
+For example:
+  gravity_comp add coulomb_friction:elbow --model arm.json run1.mcap run2.mcap
+  gravity_comp add coulomb_friction,viscous_friction --model arm.json run1.mcap
+                                       on every joint where they are identifiable
+  gravity_comp add torque_offset:wrist --model arm.json run1.mcap --dry-run
+  gravity_comp add --undo --model arm.json
+
+Gravity and effects are fitted jointly, to the samples that pass the gate of `fit` unless another
+is named, without the data that `fit --holdout` held out. Errors are held-out errors, of whole runs
+or of blocks of time. If another effect
+explains the recordings equally well, `add` lists it. docs/effects.md describes every effect.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +22,29 @@ import shlex
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import add_to_model, with_enough_motion
-from gravity_comp_ros.commands import next_step, reading, refitting, terminal
+from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `add`."""
+    parser.add_argument('effects', metavar='EFFECT[:JOINT]', nargs='?',
+                        help='effects to add, separated by commas; without a joint, on every '
+                        'joint where the effect is identifiable')
+    arguments.add_bags(parser, nargs='*')
+    arguments.add_model(parser, 'model file to change')
+    parser.add_argument('--undo', action='store_true',
+                        help='remove the last addition; needs no bag')
+    parser.add_argument('--dry-run', action='store_true', help='show the result, write nothing')
+    arguments.add_gate(parser, 'fitted samples (default: those of the gate of `fit`)')
+    arguments.add_reading(parser, joints=False)
+    parser.set_defaults(output=None, rewrites_model=True)
+    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> Answer:

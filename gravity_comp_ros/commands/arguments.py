@@ -1,30 +1,24 @@
-"""Registry of the verbs, and arguments of several verbs with their options of the core."""
+"""Parsers of the verbs, and arguments of several verbs with their options of the core."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from importlib import import_module
 import math
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+import re
+from typing import Any, NoReturn
 
+from gravity_comp_ros.api.axes import ArmOptions, NO_DESCRIPTION
+from gravity_comp_ros.data.gate import GateOptions
+from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import GravityCompError, Hint, OptionError
-from gravity_comp_ros.recordings.units import (
-    ANGLE_HELP, radians_per_unit, SHARE_UNITS, TORQUE_UNITS)
+from gravity_comp_ros.printable import printable
+from gravity_comp_ros.recordings.read_options import BAG_UNITS, OPTIONS, ReadOptions
+from gravity_comp_ros.recordings.units import ANGLE_HELP, radians_per_unit
 
-if TYPE_CHECKING:
-    from gravity_comp_ros.api.axes import ArmOptions
-    from gravity_comp_ros.data.gate import GateOptions
-    from gravity_comp_ros.recordings.bag import ReadOptions
-
-
-DRAWN = 'robot description for the three-dimensional drawing of the arm (default: ' \
-    '/robot_description in the recording, if any)'
-# Copy of the formulations of `estimation.fit`, the default first, so that --help does not import
-# it; a test compares both.
-FORMULATIONS = ('auto', 'per_joint', 'potential', 'chain')
-
+DRAWN = 'robot description for the three-dimensional drawing of the arm'
 
 # Remedies of errors, in terms of the options.
 _HINTS = {
@@ -63,36 +57,26 @@ nonzero = number(float, 'a number other than 0', bool)
 count = number(int, 'a positive integer', lambda value: value > 0)
 
 
-AddArguments = Callable[[argparse.ArgumentParser], None]
+class Parser(argparse.ArgumentParser):
+    """An argument parser without abbreviated options; its errors are printable."""
+
+    def __init__(self, *args: object, **kwargs: object) -> None:
+        kwargs.setdefault('allow_abbrev', False)
+        kwargs.setdefault('formatter_class', argparse.RawDescriptionHelpFormatter)
+        super().__init__(*args, **kwargs)  # type: ignore[arg-type]
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with status 2 and one line."""
+        self.exit(2, f'{self.prog}: {printable(message)} (see `{self.prog} --help`)\n')
 
 
-@dataclass(frozen=True)
-class Verb:
-    """Description in one line, text after the options, and the function that adds these."""
-
-    text: str
-    epilog: str
-    add_arguments: AddArguments
-
-
-# All verbs by name, in the order of the overview.
-VERBS: dict[str, Verb] = {}
-
-
-def verb(text: str, epilog: str, *common: AddArguments) -> Callable[[AddArguments], AddArguments]:
-    """
-    Return a decorator that registers the verb whose arguments a function of its name adds.
-
-    :param common: functions that add arguments of several verbs, after its own.
-    """
-    def register(add_own: AddArguments) -> AddArguments:
-        def add_all(parser: argparse.ArgumentParser) -> None:
-            for add in (add_own, *common):
-                add(parser)
-
-        VERBS[add_own.__name__] = Verb(text, epilog, add_all)
-        return add_own
-    return register
+def verb_parser(verb: str) -> Parser:
+    """Return the parser of a verb; the docstring of its module is the help text."""
+    module = import_module(f'gravity_comp_ros.commands.{verb}')
+    text, _, epilog = (module.__doc__ or '').lstrip().partition('\n\n')
+    parser = Parser(prog=f'gravity_comp {verb}', description=text, epilog=epilog)
+    module.add_arguments(parser)
+    return parser
 
 
 class _Merge(argparse.Action):
@@ -130,6 +114,13 @@ def add_mcap_output(parser: argparse.ArgumentParser) -> None:
                         required=True, help='file to write; an existing file is replaced')
 
 
+def add_recording_output(parser: argparse.ArgumentParser) -> None:
+    """Add -o, the topic and --json of a verb that makes a recording."""
+    add_mcap_output(parser)
+    parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
+    add_json(parser)
+
+
 def add_topic_and_joints(parser: argparse._ActionsContainer, joints: bool = True) -> None:
     """Add --topic, and --joints unless a model determines the joints."""
     parser.add_argument('--topic', metavar='TOPIC',
@@ -152,7 +143,7 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     _add_mapping(group, '--effort-scale', 'JOINT=VALUE', nonzero,
                  'N·m per unit of effort, sign included, e.g. elbow=-1 or a=0.12,b=0.12; may be '
                  'repeated (default: 1)')
-    group.add_argument('--effort-unit', choices=(*TORQUE_UNITS, *SHARE_UNITS), default='Nm',
+    group.add_argument('--effort-unit', choices=BAG_UNITS, default='Nm',
                        help='unit of effort in the bag (default: %(default)s); for motor '
                        'current give --effort-scale')
     _add_mapping(group, '--rated-torque', 'JOINT=NM', nonzero,
@@ -180,7 +171,6 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
 
 def read_options(args: argparse.Namespace) -> ReadOptions:
     """Return the `ReadOptions` of the arguments of `add_reading`."""
-    from gravity_comp_ros.recordings.read_options import OPTIONS, ReadOptions
     return ReadOptions(**{name: getattr(args, name) for name in OPTIONS})
 
 
@@ -201,7 +191,6 @@ def gate(args: argparse.Namespace) -> GateOptions | None:
 
     :raises OptionError: if they contradict each other.
     """
-    from gravity_comp_ros.data.gate import GateOptions
     given = {key: value for key, value in (('max_speed', args.max_speed), ('rate_hz', args.rate))
              if value is not None}
     if args.all_samples and given:
@@ -216,39 +205,31 @@ def add_json(parser: argparse.ArgumentParser) -> None:
         help='print only the result, as JSON; with a file name, write it there')
 
 
-def _json_target(text: str) -> str:
+def _json_target(text: str) -> Path | str:
     # `--json BAG` would overwrite the bag.
     if text != '-' and not text.endswith('.json'):
         raise argparse.ArgumentTypeError(
             f'{text} does not end in .json: name a .json file, or put --json after the bags')
-    return text
+    return text if text == '-' else Path(text)
 
 
-def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
-    """Add --urdf and --fixed, for `arm_options`."""
-    group = parser.add_argument_group('robot description')
-    group.add_argument('--urdf', metavar='FILE.urdf|none', default=None,
-                       help=f'{use}; its masses are not used (default: /robot_description in '
-                       'the recording, if it matches; none: no description)')
-    _add_fixed(group)
-
-
-def add_description(parser: argparse._ActionsContainer, use: str, fixed: bool = True) -> None:
+def add_urdf(parser: argparse._ActionsContainer, use: str, or_none: bool = False,
+             fixed: bool = True) -> None:
     """
-    Add --urdf, the file of a description; `use` is its help text.
+    Add --urdf, by default the description in the recordings; `use` is its help text.
 
-    :param fixed: whether to add --fixed, for `reading.described_arm_of`.
+    :param or_none: whether `none` selects no description, see `arm_options`.
+    :param fixed: whether to add --fixed, the positions of joints that are not learned.
     """
-    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, help=use)
+    parser.add_argument(
+        '--urdf', metavar='FILE.urdf' + '|none' * or_none,
+        type=file_type(names=(NO_DESCRIPTION,)) if or_none else Path,
+        help=f'{use} (default: /robot_description in the recordings'
+        + ('; its masses are not used; none: no description)' if or_none else ')'))
     if fixed:
-        _add_fixed(parser)
-
-
-def _add_fixed(parser: argparse._ActionsContainer) -> None:
-    """Add --fixed, the positions of joints that are not learned."""
-    _add_mapping(parser, '--fixed', 'JOINT=VALUE', finite,
-                 'position of a joint of the description that is not recorded, rad or m, e.g. '
-                 'waist=0.3; may be repeated (default: 0)')
+        _add_mapping(parser, '--fixed', 'JOINT=VALUE', finite,
+                     'position of a joint of the description that is not recorded, rad or m, '
+                     'e.g. waist=0.3; may be repeated (default: 0)')
 
 
 def arm_options(args: argparse.Namespace, formulation: str | None = None) -> ArmOptions:
@@ -257,7 +238,6 @@ def arm_options(args: argparse.Namespace, formulation: str | None = None) -> Arm
 
     :raises OptionError: if --fixed is given without a description.
     """
-    from gravity_comp_ros.api.axes import ArmOptions, NO_DESCRIPTION
     if args.fixed and args.urdf == NO_DESCRIPTION:
         raise OptionError('--fixed requires a robot description, but --urdf is none')
     return ArmOptions(formulation, args.urdf, args.fixed, args.joints is not None)
@@ -269,24 +249,28 @@ def add_page(parser: argparse.ArgumentParser, what: str = 'a report with plots')
                         help=f'write {what}, one self-contained file')
 
 
-def file_type(*endings: str) -> Callable[[str], Path]:
-    """Return the type of a file with one of these endings: `--html BAG` would overwrite a bag."""
-    def checked(text: str) -> Path:
-        if Path(text).suffix not in endings:
-            raise argparse.ArgumentTypeError(f'{text} does not end in {", ".join(endings)}')
+def file_type(*endings: str, names: Collection[str] = ()) -> Callable[[str], Path | str]:
+    """
+    Return the type of a file with one of these endings, or of one of these names.
+
+    `--html BAG` would overwrite a bag. Without endings any file is accepted.
+    """
+    def checked(text: str) -> Path | str:
+        if text in names:
+            return text
+        if endings and Path(text).suffix not in endings:
+            raise argparse.ArgumentTypeError(f'{text} does not end in {", ".join(endings)}' + (
+                f' and is not one of {", ".join(names)}' if names else ''))
         return Path(text)
     return checked
 
 
 def recording(text: str) -> Path:
     """Return the path of a recording; reject the name of an effect with a specific message."""
-    path = Path(text)
-    if not path.exists() and path.name == text and '.' not in text:
-        from gravity_comp_ros.effects.registry import all_effects
-        if text.split(':')[0].split(',')[0] in all_effects():
-            raise argparse.ArgumentTypeError(
-                f'{text} is an effect: separate effects with commas and no space')
-    return path
+    if re.split('[:,]', text)[0] in all_effects() and not Path(text).exists():
+        raise argparse.ArgumentTypeError(
+            f'{text} is an effect: separate effects with commas and no space')
+    return Path(text)
 
 
 def joint_list(text: str) -> tuple[str, ...]:

@@ -1,22 +1,65 @@
-"""`gravity_comp calibrate`: N·m per unit of effort from a known weight; stiffness of servos."""
+"""
+Calibrate efforts in N·m with a known weight, or the stiffness of servos.
+
+A known weight gives the torque in N·m per unit of effort of every joint that it loads, for a
+driver that publishes currents or uncalibrated torques. No mass of the arm is needed; the link
+lengths come from the URDF.
+
+With --goals one recording gives the stiffness of position-controlled servos, for the parameter
+servo_stiffness of the node: the torque of --model by the angle between goal and position.
+
+which recordings: two of slow motion, without and with the weight, over most of the range of each
+joint. The heavier the weight and the wider the motion, the smaller the intervals.
+
+For example:
+  gravity_comp calibrate empty.mcap loaded.mcap --mass 2.0 --urdf robot.urdf
+  gravity_comp calibrate empty.mcap loaded.mcap --mass 2.0 --com 0 0 0.08 --link tool0
+                                                    weight with a known centre, on tool0
+  gravity_comp calibrate run1.mcap --goals /joint_goals --model arm.json
+                                                    stiffness of servos
+"""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.calibration.known_weight import (
     calibrate, CalibrationOptions, Weight, WeightCalibration)
 from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
-from gravity_comp_ros.commands import reading, terminal
-from gravity_comp_ros.commands.arguments import gate, read_options
+from gravity_comp_ros.commands import arguments, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.export.payload_lines import millimetres
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import joint_goals
 from rich.table import Table
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `calibrate`."""
+    parser.add_argument('empty', metavar='EMPTY', type=Path, help='recording without the weight')
+    parser.add_argument('loaded', metavar='LOADED', type=Path, nargs='?',
+                        help='recording with the weight')
+    parser.add_argument('--mass', metavar='KG', type=arguments.positive,
+                        help='mass of the weight')
+    parser.add_argument('--goals', metavar='TOPIC',
+                        help='stiffness of servos: JointState topic of EMPTY with the goals')
+    arguments.add_model(parser, 'with --goals: gravity model of the arm', required=False)
+    parser.add_argument('--com', metavar=('X', 'Y', 'Z'), type=arguments.finite, nargs=3,
+                        help='centre of mass of the weight in the frame of --link, '
+                        'm (default: estimated)')
+    parser.add_argument('--link', metavar='LINK',
+                        help='link that carries the weight (default: that of the last joint)')
+    parser.add_argument('--same-zero', action='store_true',
+                        help='the torque sensors kept their zero between the recordings, without '
+                        'a restart: one offset for both, and smaller intervals')
+    arguments.add_urdf(parser, 'axes and link lengths')
+    arguments.add_gate(parser)
+    arguments.add_reading(parser)
+    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -27,7 +70,7 @@ def run(args: argparse.Namespace) -> Answer:
         raise OptionError('name LOADED and --mass for efforts, or --goals and --model for servos')
     if args.empty.resolve() == args.loaded.resolve():
         raise OptionError(f'{args.empty} is named as the recording without and with the weight')
-    options, slow = read_options(args), gate(args)
+    options, slow = arguments.read_options(args), arguments.gate(args)
     if slow is not None and args.rate is None:
         slow = replace(slow, rate_hz=None)
     with terminal.progress() as report:
@@ -68,9 +111,9 @@ def _stiffness(args: argparse.Namespace) -> Answer:
     if args.model is None or args.loaded is not None or args.mass is not None:
         raise OptionError('--goals needs one recording and --model, and neither LOADED nor --mass')
     model = load_model(args.model)
-    options = replace(read_options(args), joints=model.joints)
+    options = replace(arguments.read_options(args), joints=model.joints)
     with terminal.progress() as report:
-        recording = read_recording([args.empty], options, gate(args), report)
+        recording = read_recording([args.empty], options, arguments.gate(args), report)
         samples, (bag,) = recording.slow, recording.reports
         times, goals = joint_goals(args.empty, args.goals, model.joints, bag.options)
     result = servo_stiffness(model, samples, held_goals(

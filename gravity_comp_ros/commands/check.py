@@ -1,15 +1,40 @@
-"""`gravity_comp check`: faults of a robot description, from recorded torque."""
+"""
+Check a robot description against recorded torque, for faults.
+
+Is this description that of the recorded arm? Compared are: axes reversed or turned, zero angles,
+joints exchanged, the mount of the base, factors and signs of efforts, masses, and bodies that the
+description has not. Every fault is one sentence, the worst first, with the line of the
+description or the option that corrects it. What the motion does not show is listed too.
+
+which recordings: slow motion of all joints over tens of degrees, without contact.
+
+For example:
+  gravity_comp check run1.mcap run2.mcap --urdf robot.urdf
+  gravity_comp check run1.mcap --urdf robot.urdf --html check.html
+
+exit status: 0 no fault, 3 faults (for tests of a robot's software), 1 failed, 2 wrong usage.
+"""
 
 from __future__ import annotations
 
 import argparse
 
-from gravity_comp_ros.commands import html, reading, terminal
+from gravity_comp_ros.commands import arguments, html, reading, terminal
 from gravity_comp_ros.description_check.check import check_description
 from gravity_comp_ros.description_check.sentences import (
     error_rows, findings, unchecked_sentences)
 
 EXIT_FAULTS = 3
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `check`."""
+    arguments.add_urdf(parser, 'description to check')
+    arguments.add_page(parser, 'the faults with their corrections')
+    arguments.add_bags(parser)
+    arguments.add_gate(parser)
+    arguments.add_reading(parser)
+    arguments.add_json(parser)
 
 
 @html.with_error_page

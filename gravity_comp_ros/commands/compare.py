@@ -1,14 +1,34 @@
-"""`gravity_comp compare`: errors of a model for each joint, and the regions of large error."""
+"""
+Compare the torque of a model with measured torque, for each joint.
+
+For example:
+  gravity_comp compare run2.mcap --model arm.json
+  gravity_comp compare run1.mcap --model arm.json --holdout      only the held-out part of run1
+  gravity_comp compare fast.mcap --model arm.json --all-samples --json errors.json
+  gravity_comp compare run2.mcap --model arm.json --html report.html      report with plots
+
+which recordings: recordings that were not fitted, with the payload of the model. Errors on fitted
+recordings are too small. For a held-out error use `fit --holdout`, then --holdout here.
+
+RMSE, std and max are of the residual, measured minus predicted torque. nRMSE is RMSE over the
+range of the measured torque (Yu 2022, Eq. 16); it is meaningless for joints without gravity load.
+"in band" is the share of residuals inside the 95 % prediction band within the trained range;
+"outside" is the same share for poses outside the trained range. A share near 95 % confirms the
+band. A share far below 95 % indicates a changed payload or a missing effect. A share of 100 %
+means that the band is too wide, often where few samples were trained. "training" is the RMSE of
+the fit, "constant" that of a constant torque.
+"""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, held_out_blocks
-from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands import arguments, html, next_step, reading, refitting, terminal
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
@@ -26,6 +46,23 @@ from rich.text import Text
 _MAX_REGIONS = 2
 # Acceptable shares of residuals inside the 95 % band.
 _FAIR = (0.85, 0.99)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `compare`."""
+    arguments.add_model(parser, 'model file, written by `fit`')
+    parser.add_argument('--holdout', action='store_true',
+                        help='of the fitted bags, use only the data that `fit --holdout` '
+                        'held out')
+    arguments.add_urdf(parser, arguments.DRAWN, fixed=False)
+    parser.add_argument('--previous', metavar='MODEL.json', type=Path,
+                        help='earlier model of this arm: what drifted since then; the --html '
+                        'report also lists its errors (default there: before the last addition)')
+    arguments.add_bags(parser)
+    arguments.add_gate(parser)
+    arguments.add_reading(parser)
+    arguments.add_json(parser)
+    arguments.add_page(parser)
 
 
 @html.with_error_page

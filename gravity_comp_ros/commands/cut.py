@@ -1,4 +1,14 @@
-"""`gravity_comp cut`: extract parts of a recording by time and joints."""
+"""
+Extract a part of a recording by time and joints, or split it.
+
+For example:
+  gravity_comp cut run1.mcap -o start.mcap --to 60            the first minute
+  gravity_comp cut run1.mcap -o middle.mcap --from 20 --to 50 --joints shoulder,elbow
+  gravity_comp cut run1.mcap -o part.mcap --split 60,120      part-1.mcap, part-2.mcap, part-3.mcap
+
+Times are in s from the first sample. Efforts, stamps and /robot_description are copied unchanged,
+so the parts share one clock. Invalid messages are dropped, as in every verb.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +16,7 @@ import argparse
 from itertools import pairwise
 from pathlib import Path
 
-from gravity_comp_ros.commands import next_step, reading
+from gravity_comp_ros.commands import arguments, next_step, reading
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
@@ -14,6 +24,20 @@ from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.printable import counted, shown_names
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, robot_description
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `cut`."""
+    arguments.add_bags(parser, nargs=None)
+    parser.add_argument('--from', dest='begin', metavar='S', type=arguments.finite, default=0.0,
+                        help='begin of the part (default: 0)')
+    parser.add_argument('--to', dest='end', metavar='S', type=arguments.positive,
+                        help='end of the part (default: end of the recording)')
+    parser.add_argument('--split', metavar='S,S,...', type=_times, default=(),
+                        help='split at these times into numbered files')
+    arguments.add_mcap_output(parser)
+    arguments.add_topic_and_joints(parser)
+    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> Answer:
@@ -38,6 +62,14 @@ def run(args: argparse.Namespace) -> Answer:
         f'wrote {path}: {counted(len(part), "sample")} from {part.t[0]:.6g} to '
         f'{part.t[-1]:.6g} s, joints {shown_names(part.names)}' for path, part in parts.items()),
         *next_step.check_recordings(*parts)])
+
+
+def _times(text: str) -> tuple[float, ...]:
+    """Return the increasing times in `60,120`."""
+    values = tuple(arguments.positive(part) for part in text.split(','))
+    if any(later <= earlier for earlier, later in pairwise(values)):
+        raise argparse.ArgumentTypeError(f'{text!r}: the times must increase')
+    return values
 
 
 def _parts(args: argparse.Namespace, samples: JointSamples) -> dict[Path, JointSamples]:

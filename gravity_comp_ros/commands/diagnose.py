@@ -1,4 +1,29 @@
-"""`gravity_comp diagnose`: identify physical effects missing from a gravity model."""
+"""
+Identify physical effects missing from a gravity model, with their size.
+
+For example:
+  gravity_comp diagnose run1.mcap run2.mcap --model arm.json
+  gravity_comp diagnose run1.mcap                         without a model file
+  gravity_comp diagnose run1.mcap --effects coulomb_friction,viscous_friction --json
+  gravity_comp diagnose run1.mcap --model arm.json --html report.html    report with plots
+
+which recordings: the fitted recordings and any others of the same arm with the same payload, slow
+or fast. More runs resolve more findings; errors are always held-out errors.
+
+verdicts:
+  established   strong evidence without an alternative, and a smaller held-out error: add it
+  likely        the same with less evidence: add it
+  ambiguous     another effect explains the data equally well; both are listed, with the motion
+                that distinguishes them. Add both: their sum is predicted, not their split
+  weak          hardly reduces the held-out error, or its size is not physical or not different
+                from 0: do not add
+  untestable    not identifiable with this motion: do not add
+  unexplained   a repeating residual that no known effect describes
+The effects were selected jointly: add all of them with the printed command.
+
+All samples are used, including fast ones, because inertia is one of the effects. Errors are
+held-out errors relative to the range of the measured torque (Yu 2022, Eq. 16).
+"""
 
 from __future__ import annotations
 
@@ -11,7 +36,7 @@ from typing import Any
 
 from gravity_comp_ros.api.axes import ArmOptions
 from gravity_comp_ros.api.steps import diagnose_recording
-from gravity_comp_ros.commands import html, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands import arguments, html, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import JointSamples
@@ -40,6 +65,20 @@ _WHY_OPEN = {
     'untestable': 'not identifiable with this motion: do not add',
     'unexplained': 'no known effect describes it',
 }
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `diagnose`."""
+    arguments.add_model(parser, 'model file, written by `fit` (default: a model is fitted)',
+                        required=False)
+    parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list,
+                        help='test these effects only (default: all known effects)')
+    arguments.add_urdf(parser, f'{arguments.DRAWN}; without --model, also the joint axes',
+                       fixed=False)
+    arguments.add_bags(parser)
+    arguments.add_reading(parser)
+    arguments.add_json(parser)
+    arguments.add_page(parser)
 
 
 @html.with_error_page

@@ -1,15 +1,37 @@
-"""`gravity_comp export`: write a model as C source, into a description, or for a drive."""
+"""
+Write a model as C source, into a URDF or MJCF, or as payload of a drive.
+
+targets:
+  c         one C99 header and source in the folder -o, for a controller without Python
+            (docs/realtime.md)
+  urdf      the file --urdf with the masses and centres of mass nearest to its own that give the
+            gravity torque of the model; Coulomb and viscous friction as <dynamics>
+  mjcf      the same for a MuJoCo file, --mjcf
+  payload   mass and centre of mass of the last `update --urdf`, as lines for the drives of UR,
+            Franka, KUKA, xArm and Kinova; in the frame --flange of --urdf
+
+Inertias about the centres of mass, axes and zero angles stay those of the description. Comments
+and layout of the file stay byte for byte.
+
+For example:
+  gravity_comp export arm.json --to c -o src/
+  gravity_comp export left.json --to c --prefix left -o src/    two arms in one program
+  gravity_comp export arm.json --to urdf --urdf robot.urdf -o corrected.urdf
+  gravity_comp export arm.json --to mjcf --mjcf scene.xml -o corrected.xml
+  gravity_comp export tool.json --to payload --urdf robot.urdf --flange tool0
+"""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 import shlex
 from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
-from gravity_comp_ros.commands import next_step, reading, terminal
+from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.description.urdf import HeldPositions, read_text
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
@@ -28,6 +50,26 @@ _OPTIONS = {'c': ('prefix',), 'urdf': ('urdf', 'fixed'), 'mjcf': ('mjcf',),
             'payload': ('urdf', 'fixed', 'flange')}
 # Keys of the JSON that not every target has.
 _NULL = dict.fromkeys(('parameters', 'links', 'difference', 'payload', 'in_motion', 'add'))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `export`."""
+    parser.add_argument('model', metavar='MODEL.json', type=Path, help='model to export')
+    parser.add_argument('--to', choices=('c', 'urdf', 'mjcf', 'payload'), required=True,
+                        help='target, see below')
+    parser.add_argument('-o', '--output', metavar='PATH', type=Path,
+                        help='folder (c, created if missing) or file (urdf, mjcf) to write')
+    parser.add_argument('--prefix', metavar='NAME',
+                        help='c: prefix of all names and files (default: gc)')
+    arguments.add_urdf(parser, 'urdf: description to correct; payload: description with the '
+                       'flange')
+    parser.add_argument('--mjcf', metavar='FILE.xml', type=Path,
+                        help='mjcf: description to correct')
+    parser.add_argument('--flange', metavar='LINK',
+                        help='payload: link of --urdf whose frame the drive uses, such as tool0 '
+                        '(default: the link of the last joint)')
+    parser.set_defaults(output_is_folder=True)
+    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> terminal.Answer:

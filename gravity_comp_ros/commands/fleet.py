@@ -1,9 +1,24 @@
-"""`gravity_comp fleet`: fit or diagnose every robot of a folder."""
+"""
+Fit or diagnose every robot of a folder, locally or on a Dask cluster.
+
+For example:
+  gravity_comp fleet fit recordings/ -o models/          recordings/ROBOT/*.mcap
+  gravity_comp fleet diagnose recordings/ --models models/ -o findings/
+  gravity_comp fleet fit recordings/ -o models/ --workers 8
+  gravity_comp fleet fit /nfs/recordings -o models/ --scheduler tls://10.0.0.5:8786
+
+Each subfolder contains the bags of one robot. A bag or robot that fails is reported and omitted.
+After an interruption the same command resumes; after new bags it processes only what changed.
+A Dask cluster requires the bags under the same path and this package of the same version. A
+program that reaches a scheduler tcp://... can run code on its workers and here; docs/fleet.md
+describes TLS.
+"""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+import os
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +26,36 @@ from gravity_comp_ros.api.axes import ArmOptions
 from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.diagnosis.findings import Verdict
 from gravity_comp_ros.effects.request import known_effect
-from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.estimation.estimate import CHOICES
 from gravity_comp_ros.fleet.run import (
     ClusterOptions, find_robots, FleetOptions, Outcome, run_fleet)
 from gravity_comp_ros.printable import counted
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `fleet`."""
+    parser.add_argument('what', choices=('fit', 'diagnose'), help='operation for each robot')
+    parser.add_argument('folder', metavar='FOLDER', type=Path,
+                        help='folder with one subfolder of bags for each robot')
+    parser.add_argument('-o', '--output', metavar='FOLDER', type=Path, required=True,
+                        help='output folder: ROBOT.json, ROBOT.diagnosis.json')
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument('--workers', metavar='N', type=arguments.count, default=os.cpu_count() or 1,
+                       help='processes on this machine (default: one per core)')
+    where.add_argument('--scheduler', metavar='ADDRESS',
+                       help='Dask scheduler, e.g. tls://10.0.0.5:8786')
+    parser.add_argument('--formulation', choices=CHOICES,
+                        default=CHOICES[0],
+                        help='formulation of `fit` (default: %(default)s)')
+    parser.add_argument('--models', metavar='FOLDER', type=Path,
+                        help='`diagnose` uses FOLDER/ROBOT.json (default: models are fitted)')
+    parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list,
+                        help='`diagnose` tests these effects only (default: all)')
+    arguments.add_gate(parser, 'slow-motion gate of `fit`')
+    parser.set_defaults(output_is_folder=True)
+    arguments.add_reading(parser)
+    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> terminal.Answer:
@@ -22,7 +63,6 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     _check_usage(args)
     cluster = ClusterOptions(args.workers, args.scheduler)
     robots = find_robots(args.folder)
-    _check_json([robot.name for robot in robots], args)
     learning = ArmOptions(args.formulation, ordered=args.joints is not None)
     options = FleetOptions(args.what, arguments.read_options(args), arguments.gate(args), learning,
                            args.models, args.effects)
@@ -48,22 +88,6 @@ def _check_usage(args: argparse.Namespace) -> None:
                           else f'{", ".join(given)}: `fit` fits gravity alone')
     for name in args.effects or ():
         known_effect(name)
-
-
-def _check_json(robots: Sequence[str], args: argparse.Namespace) -> None:
-    """
-    Refuse a summary file that would replace a robot's model or findings.
-
-    :raises OptionError: if --json names a file of a robot.
-    """
-    if not args.json or args.json == '-':
-        return
-    target = Path(args.json).resolve()
-    folders = [folder.resolve() for folder in (args.output, args.models) if folder]
-    names = {f'{robot}{end}' for robot in robots for end in ('.json', '.diagnosis.json')}
-    if target.parent in folders and target.name in names:
-        raise OptionError(f'--json {args.json} is the result file of a robot; '
-                          f'name another file')
 
 
 def _lines(what: str, outcome: Outcome) -> list[terminal.Line]:

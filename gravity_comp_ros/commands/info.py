@@ -1,4 +1,18 @@
-"""`gravity_comp info`: joints, speeds and coverage of recordings, facts, and missing motion."""
+"""
+List joints, speeds and coverage of a recording, and its limitations.
+
+columns of the table:
+  range      minimum and maximum angle, in rad
+  travel     distance from minimum to maximum angle, in rad
+  rms, max   speed in rad/s; the slow-motion gate requires all joints slow at the same time
+  reversals  changes of direction; they excite friction
+  effort     minimum and maximum, in N·m (or in the unit of the driver)
+
+For example:
+  gravity_comp info run1.mcap
+  gravity_comp info rosbag2_folder/ old.db3 --max-speed 0.2
+  gravity_comp info run1.mcap --json
+"""
 
 from __future__ import annotations
 
@@ -9,8 +23,7 @@ from gravity_comp_ros.api.axes import known_arm, KnownArm, NO_DESCRIPTION
 from gravity_comp_ros.api.read import joined, judged, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import with_enough_motion
-from gravity_comp_ros.commands import next_step, terminal
-from gravity_comp_ros.commands.arguments import arm_options, gate, read_options
+from gravity_comp_ros.commands import arguments, next_step, terminal
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
@@ -24,14 +37,24 @@ _COLOURS = {Action.NOTED: 'yellow', Action.CORRECTED: 'green', Action.LEFT_OUT: 
             Action.REFUSED: 'red'}
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `info`."""
+    arguments.add_urdf(parser, 'axes to compare the directions and zeros of the joints with',
+                       or_none=True)
+    arguments.add_bags(parser)
+    arguments.add_reading(parser)
+    arguments.add_gate(parser)
+    arguments.add_json(parser)
+
+
 def run(args: argparse.Namespace) -> terminal.Answer:
-    options = replace(read_options(args), refuse=False)
-    slow = gate(args) or GateOptions()
+    options = replace(arguments.read_options(args), refuse=False)
+    slow = arguments.gate(args) or GateOptions()
     with terminal.progress() as report:
         recordings = read_each(args.bags, options, report)
-        facts = []
+        facts, description = [], arguments.arm_options(args)
         for each in recordings:
-            arm = known_arm(Recording(each.samples, slow, (each.report,)), arm_options(args))
+            arm = known_arm(Recording(each.samples, slow, (each.report,)), description)
             facts.append((judged(each, arm), describe(each.samples, slow)))
         # Reports bags of different robots, which a fit would reject.
         together = arm.of(joined(recordings, slow))

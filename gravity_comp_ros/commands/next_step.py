@@ -8,8 +8,7 @@ from pathlib import Path
 import shlex
 
 from gravity_comp_ros.commands import terminal
-from gravity_comp_ros.commands.arguments import read_options
-from gravity_comp_ros.commands.usage import VERBS
+from gravity_comp_ros.commands.arguments import read_options, verb_parser
 from gravity_comp_ros.recordings.read_options import option_words
 
 # Options of description and gate; the first one of each group belongs to no other.
@@ -37,9 +36,7 @@ def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path
 
 def _shared_words(verb: str, args: argparse.Namespace) -> list[str]:
     """Return the description and the gate of this call, if the verb has these options."""
-    parser = argparse.ArgumentParser()
-    VERBS[verb].add_arguments(parser)
-    options = {action.dest: action for action in parser._actions}
+    options = {action.dest: action for action in verb_parser(verb)._actions}
     names = [name for group in _SHARED
              if group[0] in options and hasattr(args, group[0]) for name in group]
     return option_words({

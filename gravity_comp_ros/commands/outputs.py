@@ -3,66 +3,45 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from itertools import combinations
 import os
 from pathlib import Path
-import re
 
-from gravity_comp_ros.commands.arguments import recording
 from gravity_comp_ros.errors import OptionError
 
-# Arguments with a file or folder to write; other files are inputs.
-OUTPUTS = ('output', 'json', 'html')
-_METAVAR = re.compile(r'\.\w|FILE|MOTION')
+# Arguments with a file or folder to write; all other paths of a verb are inputs.
+_OUTPUTS = ('output', 'json', 'html')
 
 
 def check_outputs(args: argparse.Namespace) -> None:
     """
-    Refuse outputs that are not writable or would overwrite an input.
+    Refuse outputs that cannot be written, or are an input or in a folder that the verb uses.
 
     Verbs that change a model in place set `rewrites_model`; verbs that create an output folder
     set `output_is_folder`.
 
-    :raises OptionError: if an output is an input, or another output, or cannot be written.
+    :raises OptionError: if an output is refused.
     """
-    outputs = {name: (option, path) for name, option, path in _paths(args) if name in OUTPUTS}
+    paths = {name: [path for path in (value if isinstance(value, (list, tuple)) else [value])
+                    if isinstance(path, Path)] for name, value in vars(args).items()}
+    outputs = [path for name in _OUTPUTS for path in paths.pop(name, ())]
+    inputs = [path for values in paths.values() for path in values]
     rewrites = getattr(args, 'rewrites_model', False)
-    for source, given, path in _paths(args):
-        for name, (option, output) in outputs.items():
-            if source not in OUTPUTS and not (rewrites and (name, source) == ('output', 'model')):
-                _check_pair(option, output, source, given, path)
-    for (first, path), (second, other) in combinations(outputs.values(), 2):
-        if _same(path, other):
-            raise OptionError(f'{first} and {second} both name {path}: give each its own file')
-    if rewrites and not args.dry_run and args.output is None:
-        outputs['model'] = '--model', args.model
-    for name, (_, path) in outputs.items():
-        if not (name == 'output' and getattr(args, 'output_is_folder', False)):
-            _check_writable(path)
-
-
-def names_file(action: argparse.Action) -> bool:
-    """Return whether an argument is a file or folder, by its type or its metavar."""
-    return action.type in (Path, recording) or bool(_METAVAR.search(str(action.metavar)))
-
-
-def _paths(args: argparse.Namespace) -> Iterator[tuple[str, str, Path]]:
-    """Yield each file or folder of the arguments: its argument, option or metavar, and path."""
-    for action in filter(names_file, args.parser._actions):
-        value = getattr(args, action.dest, None)
-        for item in value if isinstance(value, (list, tuple)) else [value]:
-            if isinstance(item, (str, Path)) and item not in ('', '-'):
-                yield action.dest, (*action.option_strings, action.metavar)[0], Path(item)
-
-
-def _check_pair(option: str, output: Path, source: str, given: str, path: Path) -> None:
-    if _same(output, path):
-        raise OptionError(f'{option} {output} is also {given} and would be overwritten; name '
-                          f'another file')
-    if source.startswith('bag') and path.is_dir() and output.resolve().parent == path.resolve():
-        raise OptionError(f'{option} {output} is inside the folder of the recording; name a file '
-                          f'elsewhere')
+    for output in outputs:
+        if any(_same(output, path) for path in inputs
+               if not (rewrites and path is args.model and output is args.output)):
+            raise OptionError(f'{output} is an input and would be overwritten; name another file')
+    for first, second in combinations(outputs, 2):
+        if _same(first, second):
+            raise OptionError(f'two outputs both name {first}: give each its own file')
+    own = [args.output] if getattr(args, 'output_is_folder', False) else []
+    files = [path for path in outputs if path not in own]
+    for path, folder in ((path, folder) for path in files for folder in (*inputs, *own)):
+        if folder is not None and folder.is_dir() and path.resolve().parent == folder.resolve():
+            raise OptionError(f'{path} is inside the folder {folder} that this verb uses; name a '
+                              f'file elsewhere')
+    for path in [*files, args.model] if rewrites and not (args.dry_run or args.output) else files:
+        _check_writable(path)
 
 
 def _same(first: Path, second: Path) -> bool:

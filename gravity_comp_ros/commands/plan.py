@@ -1,4 +1,20 @@
-"""`gravity_comp plan`: plan a motion that resolves open findings."""
+r"""
+Plan the motion that resolves open findings.
+
+For example:
+  gravity_comp plan run1.mcap --model arm.json -o motion.yaml
+  gravity_comp plan run1.mcap --model arm.json --settle coulomb_friction:elbow -o motion.yaml
+  gravity_comp plan run1.mcap --model arm.json --widen 0.7 --urdf robot.urdf -o motion.yaml
+  ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \
+      trajectory_msgs/msg/JointTrajectory "$(cat motion.yaml)"
+  gravity_comp synth --motion motion.yaml -o new.mcap              simulate it
+  gravity_comp diagnose run1.mcap new.mcap --model arm.json        the result
+
+The motion begins and ends at rest at one recorded pose. It stays near recorded poses and moves one
+or two joints at a time, or all joints if more have targets. Move the arm to the first point
+before playing it. Obstacles and people are not checked: keep the space clear. With a description
+and pinocchio, self-collisions of the arm are checked.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +23,7 @@ from dataclasses import replace
 import math
 from pathlib import Path
 
-from gravity_comp_ros.commands import next_step, reading, terminal
+from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
@@ -15,12 +31,50 @@ from gravity_comp_ros.planning import MotionPlan, plan, PlanOptions
 from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import EXPECTED
 from gravity_comp_ros.planning.questions import named_targets
-from gravity_comp_ros.planning.trajectory_files import write_trajectory
+from gravity_comp_ros.planning.trajectory_files import ENDINGS, write_trajectory
 from gravity_comp_ros.printable import counted
 import numpy as np
 
 UNLIMITED = 'no description gives the position limits: check that no joint reaches an end ' \
     'stop, or name a description with --urdf'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `plan`."""
+    arguments.add_model(parser, 'gravity model of the arm (chain or potential)')
+    parser.add_argument('-o', '--output', metavar='MOTION', type=arguments.file_type(*ENDINGS),
+                        required=True,
+                        help=f'motion file to write ({", ".join(ENDINGS)})')
+    parser.add_argument('--settle', metavar='EFFECT:JOINT,...',
+                        help='effects to resolve; `gravity` for poses with a large uncertainty '
+                        'of the model (default: effects that `diagnose` reports as ambiguous, '
+                        'untestable or weak, and gravity where it is uncertain)')
+    group = parser.add_argument_group('limits')
+    arguments.add_urdf(group, 'robot description: position limits and collision geometry',
+                       fixed=False)
+    group.add_argument('--widen', metavar='RAD', type=arguments.positive,
+                       help='extend the recorded range of every joint by this angle, in any pose '
+                       'of the others, within the limits of the description if there is one; 7 '
+                       'allows all of these limits; check that the arm has the space (default: '
+                       'within 0.3 rad of recorded poses)')
+    for name, unit, what in (('duration', 'S', 'maximum duration'),
+                             ('max_speed', 'RAD/S', 'of every joint'),
+                             ('max_acceleration', 'RAD/S²', 'of every joint'),
+                             ('max_jerk', 'RAD/S³', 'of every joint')):
+        group.add_argument('--' + name.replace('_', '-'), metavar=unit, type=arguments.positive,
+                           default=getattr(PlanOptions, name),
+                           help=f'{what} (default: %(default)s)')
+    group.add_argument('--start', metavar='RAD,...', type=arguments.numbers,
+                       help='start and end pose, one value for each joint of the model '
+                       '(default: a recorded pose near the middle)')
+    group = parser.add_argument_group('output')
+    group.add_argument('--goal', action='store_true',
+                       help='write YAML as the goal of a FollowJointTrajectory action')
+    group.add_argument('--effort', action='store_true',
+                       help="add the model's gravity torque as effort")
+    arguments.add_reading(parser, joints=False)
+    arguments.add_bags(parser)
+    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> terminal.Answer:

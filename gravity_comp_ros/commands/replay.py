@@ -1,11 +1,21 @@
-"""`gravity_comp replay`: write measured, predicted and residual torque as topics."""
+"""
+Write measured, predicted and residual torque to an MCAP file for PlotJuggler or Foxglove.
+
+topics of the output, all sensor_msgs/JointState:
+  /joint_states              effort = measured torque, N·m
+  /gravity_comp/prediction   effort = torque of the model, gravity and effects, N·m
+  /gravity_comp/residual     effort = measured minus predicted torque, N·m
+
+For example:
+  gravity_comp replay run2.mcap --model arm.json -o out.mcap
+"""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
 
-from gravity_comp_ros.commands.arguments import read_options
+from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.commands.reading import scale_warnings
 from gravity_comp_ros.commands.terminal import Answer, note, table
 from gravity_comp_ros.effects.predict import predict_torque
@@ -20,9 +30,18 @@ PREDICTION = '/gravity_comp/prediction'
 RESIDUAL = '/gravity_comp/residual'
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `replay`."""
+    arguments.add_bags(parser, nargs=None)
+    arguments.add_model(parser, 'model file')
+    arguments.add_mcap_output(parser)
+    arguments.add_reading(parser)
+    arguments.add_json(parser)
+
+
 def run(args: argparse.Namespace) -> Answer:
     model = load_model(args.model)
-    options = read_options(args)
+    options = arguments.read_options(args)
     # The bag may contain other joints, such as a gripper.
     recording = read_bag(args.bag, replace(options, joints=options.joints or model.joints))
     samples = recording.samples.joints(model.joints)

@@ -1,4 +1,18 @@
-"""`gravity_comp update`: update a model after a payload change, from seconds of motion."""
+"""
+Update a model after a payload change, from ten seconds of slow motion.
+
+For example:
+  gravity_comp update tool.mcap --model arm.json -o with_tool.json
+  gravity_comp update tool.mcap --model arm.json --urdf robot.urdf -o with_tool.json
+                                       also mass and centre of mass of the tool
+  gravity_comp update tool.mcap --model arm.json        changes arm.json in place
+  gravity_comp update --undo --model arm.json           restores it
+
+which recordings: at least ten seconds of slow motion that rotates every joint by tens of degrees,
+recorded with the new payload only. The model must be a chain or a potential; a chain
+(`fit --formulation chain`) requires far fewer samples. With --urdf the new model is always a
+chain. Effects of the model are kept unchanged.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +33,27 @@ from gravity_comp_ros.export.payload_lines import in_frame, load_of, millimetres
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.model_file import load_model, save_model
 from rich.table import Table
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `update`."""
+    arguments.add_bags(parser, nargs='*')
+    arguments.add_model(parser, 'model of the arm before the payload change')
+    parser.add_argument('-o', '--output', metavar='NEW.json', type=Path,
+                        help='model file to write (default: replaces the old model, which '
+                        '--undo restores)')
+    parser.add_argument('--undo', action='store_true',
+                        help='undo the last update of the model; needs no bag')
+    parser.add_argument('--dry-run', action='store_true', help='show the result, write nothing')
+    arguments.add_urdf(parser, 'joint axes, for the mass and centre of mass of the payload',
+                       or_none=True)
+    parser.add_argument('--flange', metavar='LINK',
+                        help='link of --urdf in whose frame the centre of mass is given, such as '
+                        'tool0 (default: the link of the last joint)')
+    arguments.add_reading(parser, joints=False)
+    parser.set_defaults(rewrites_model=True)
+    arguments.add_gate(parser)
+    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> Answer:

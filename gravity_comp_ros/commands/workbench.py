@@ -1,14 +1,49 @@
-"""`gravity_comp workbench`: compare, diagnose, add and undo in a browser."""
+"""
+Compare, diagnose, add effects and undo, in a browser.
+
+For example:
+  gravity_comp workbench run1.mcap run2.mcap
+  gravity_comp workbench run1.mcap --model arm.json --model before.json     compare two models
+  gravity_comp workbench run1.mcap --no-browser --port 5010
+
+The page is served to this machine only, unless --host is given. Sessions are saved continuously
+(~/.local/state/gravity_comp/workbench) and can be resumed; --forget saves none. Stop the server
+with Ctrl-C.
+"""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.description.urdf import read_text
-from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.estimation.estimate import CHOICES, FitOptions
 from gravity_comp_ros.recordings.storage import open_storage
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `workbench`."""
+    parser.add_argument('--model', metavar='MODEL.json', type=Path, action='append', default=[],
+                        help='initial model, written by `fit`; further models for comparison '
+                        '(default: a model is fitted)')
+    parser.add_argument('--formulation', choices=CHOICES,
+                        help='formulation of the first fit (default: auto; chain with --urdf)')
+    parser.add_argument('--host', default='127.0.0.1',
+                        help='address to serve on; other machines can then reach it (default: '
+                        '%(default)s)')
+    parser.add_argument('--port', default=5006, type=arguments.number(
+        int, 'a port (0 to 65535)', lambda value: 0 <= value <= 65535),
+                        help='0 for any free port (default: %(default)s)')
+    parser.add_argument('--no-browser', action='store_true', help='do not open a browser window')
+    parser.add_argument('--forget', action='store_true',
+                        help='save no session on disk, and list none')
+    arguments.add_gate(parser, 'samples for the fit and the errors of gravity')
+    arguments.add_urdf(parser, f'{arguments.DRAWN}; also the joint axes of fitted models',
+                       fixed=False)
+    arguments.add_bags(parser)
+    arguments.add_reading(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -75,7 +75,7 @@ def test_many_effects_are_no_file_name(tmp_path, capsys):
 def test_an_output_inside_the_folder_of_the_recording_is_refused(tmp_path, capsys):
     bag = tmp_path / 'bag'
     bag.mkdir()
-    assert 'inside the folder of the recording' in refused(
+    assert 'is inside the folder' in refused(
         capsys, 'info', bag, '--json', bag / 'x.json')
 
 
@@ -90,7 +90,7 @@ def test_a_read_only_model_is_not_changed(tmp_path, capsys):
     assert model.read_text() == '{}'
 
 
-def test_the_summary_of_a_fleet_replaces_no_model(tmp_path, capsys):
+def test_the_summary_of_a_fleet_is_not_among_its_models(tmp_path, capsys):
     pytest.importorskip('distributed')
     (tmp_path / 'robots' / 'one').mkdir(parents=True)
     (tmp_path / 'robots' / 'one' / 'a.mcap').write_bytes(b'')
@@ -98,7 +98,7 @@ def test_the_summary_of_a_fleet_replaces_no_model(tmp_path, capsys):
     fleet = ('fleet', 'fit', tmp_path / 'robots', '-o', models, '--json', models / 'one.json')
     assert 'no folder' in refused(capsys, *fleet)
     models.mkdir()
-    assert 'the result file of a robot' in refused(capsys, *fleet)
+    assert 'is inside the folder' in refused(capsys, *fleet)
     assert not (models / 'one.json').exists()
 
 
