@@ -193,9 +193,8 @@ def _lines(args: argparse.Namespace, diagnosis: Diagnosis, motion: RecordingFact
 
 def _table(diagnosis: Diagnosis) -> Table:
     table = diagnosis.table()
-    # Names are copied from here, so they are never folded; coefficients may be.
     return terminal.table('missing effects', table.columns, table.rows,
-                          left=table.columns[:table.left], folds=('coefficients, 95 %',))
+                          left=table.columns[:table.left])
 
 
 def next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> list[terminal.Line]:

@@ -21,7 +21,6 @@ from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
 from rich import box
-from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 from rich.progress import TimeElapsedColumn
@@ -34,9 +33,8 @@ ProgressCallback = Callable[[str, float], None]
 Line = Table | Text | str
 # Version of the JSON documents of the verbs (docs/json.md).
 SCHEMA = 1
-_WIDTH_WITHOUT_SCREEN = 110
-# Minimum width of a column of folded text, in characters.
-_MIN_TEXT_WIDTH = 16
+# Width of the output where there is no screen: a row of a table is one line.
+_WIDTH_WITHOUT_SCREEN = 1000
 # Delay before progress lines are printed to a log, in s.
 _PROGRESS_DELAY = 2.0
 
@@ -53,16 +51,11 @@ def _literal(text: object) -> str:
 
 
 def console(stderr: bool = False) -> Console:
-    """Return a console on the current standard output (or error); 110 columns off-screen."""
+    """Return a console on the current standard output (or error); its lines may be long."""
     out = Console(stderr=stderr, highlight=False, emoji=False)
-    if not _has_width(out):
+    if not (out.is_terminal or 'COLUMNS' in os.environ):
         out.width = _WIDTH_WITHOUT_SCREEN
     return out
-
-
-def _has_width(out: Console) -> bool:
-    """Return whether there is a screen, or COLUMNS sets the line width."""
-    return out.is_terminal or 'COLUMNS' in os.environ
 
 
 def show(*things: Line) -> None:
@@ -73,25 +66,15 @@ def show(*things: Line) -> None:
     one line, as programs that parse the output expect.
     """
     out = console()
-    on_screen = _has_width(out)
     for thing in things:
         if isinstance(thing, Table):
-            _show_table(thing, on_screen)
+            # Names and numbers are never cut: on a narrow screen the lines are too long.
+            free = out.options.update(max_width=_WIDTH_WITHOUT_SCREEN)
+            out.print(thing, width=max(out.width, out.measure(thing, options=free).minimum),
+                      crop=False)
         else:
             line = thing if isinstance(thing, Text) else Text(_literal(thing))
-            out.print(line, soft_wrap=not on_screen or bool(line.no_wrap))
-
-
-def _show_table(table: Table, on_screen: bool) -> None:
-    out = console()
-    unlimited = out.options.update(max_width=sys.maxsize)
-    if on_screen and out.measure(table, options=unlimited).maximum > out.width:
-        for column in table.columns:
-            column.header = Text(str(column.header).replace(' ', '\n'))
-    # Names and numbers are never cut: on a narrow screen the lines of a table are too long.
-    size = out.measure(table, options=unlimited)
-    out.width = max(out.width, size.minimum if on_screen else size.maximum)
-    out.print(table)
+            out.print(line, soft_wrap=bool(line.no_wrap) or out.width == _WIDTH_WITHOUT_SCREEN)
 
 
 def command(line: str) -> Text:
@@ -111,24 +94,21 @@ def warn(*lines: str) -> None:
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] = (),
-          left: Sequence[str] = (), folds: Sequence[str] | None = None) -> Table:
+          left: Sequence[str] = ()) -> Table:
     """
     Return a table; cells other than `Text` are shown as plain printable text.
 
     :param left: text columns in addition to the first; the others are numbers.
-    :param folds: columns whose text may be broken into lines; default: those in `left`.
     """
     result = Table(title=Text(title) if title else None, title_justify='left', title_style='bold',
                    box=box.SIMPLE_HEAD, pad_edge=False)
     cells = [[cell if isinstance(cell, Text) else Text(printable(cell)) for cell in row]
              for row in rows]
     for number, heading in enumerate(columns):
-        folding = heading in (left if folds is None else folds)
-        widest = max(*map(cell_len, heading.split()), *(row[number].cell_len for row in cells), 1)
+        words = [*map(Text, heading.split()), *(row[number] for row in cells)]
         result.add_column(
-            Text(heading), overflow='fold', no_wrap=not folding,
-            justify='left' if number == 0 or heading in left else 'right',
-            min_width=min(widest, _MIN_TEXT_WIDTH) if folding else widest)
+            Text(heading), justify='left' if number == 0 or heading in left else 'right',
+            min_width=None if heading in left else max(word.cell_len for word in words))
     for row in cells:
         result.add_row(*row)
     return result
