@@ -22,7 +22,7 @@ import shlex
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import add_to_model, with_enough_motion
-from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import requests
@@ -62,7 +62,7 @@ def _check_usage(args: argparse.Namespace) -> None:
 
 
 def _undo(args: argparse.Namespace, model: GravityModel) -> Answer:
-    back = refitting.undo(args, model, args.model)
+    back = reading.undo(args, model, args.model)
     step = back.history[-1]
     remaining = [effect.target for effect in back.applied.effects]
     removed = 'would be removed from' if args.dry_run else 'removed from'
@@ -78,13 +78,13 @@ def _add(args: argparse.Namespace, model: GravityModel) -> Answer:
     args.joints = model.joints
     with terminal.progress() as report:
         recording = replace(reading.load(args, report, is_gated=False),
-                            gate=refitting.fitted_gate(args, model))
+                            gate=reading.fitted_gate(args, model))
         fitted = with_enough_motion(recording)
         result = add_to_model(model, fitted, effects, report)
     reports = recording.reports
     if not args.dry_run:
         save_model(args.model, result.model)
-    warnings = refitting.warnings(result)
+    warnings = reading.refit_warnings(result)
     document = {
         'model': str(args.model), 'written': not args.dry_run, **result.to_json(),
         'warnings': warnings,
@@ -103,7 +103,7 @@ def _tie(name: str, others: tuple[str, ...]) -> dict[str, object]:
 
 def _lines(args: argparse.Namespace, result: Refit, recording: Recording
            ) -> list[terminal.Line]:
-    lines = [*reading.lines(recording, thinned=False), *refitting.lines(result)]
+    lines = [*reading.lines(recording, thinned=False), *reading.refit_lines(result)]
     lines += [f'{name} is ambiguous: {", ".join(others)} explains these recordings equally well. '
               f'Motion that distinguishes them: {_tie(name, others)["settled_by"]}'
               for name, others in result.ties.items()]

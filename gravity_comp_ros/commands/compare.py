@@ -28,7 +28,7 @@ from pathlib import Path
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, held_out_blocks
-from gravity_comp_ros.commands import arguments, html, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands import arguments, html, next_step, reading, terminal
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
@@ -148,7 +148,7 @@ def _unseen(args: argparse.Namespace, model: GravityModel,
         return recording, fitted
     if not (model.provenance.get('holdout') or {}).get('blocks'):
         raise OptionError(f'{args.model} was fitted without --holdout: fit it with --holdout')
-    recording = replace(recording, gate=refitting.fitted_gate(args, model))
+    recording = replace(recording, gate=reading.fitted_gate(args, model))
     unfitted = [Block(run, -float('inf'), float('inf'))
                 for run, report in enumerate(recording.reports) if report.path.name not in fitted]
     blocks = held_out_blocks(model, recording.reports)

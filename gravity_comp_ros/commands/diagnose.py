@@ -28,37 +28,31 @@ held-out errors relative to the range of the measured torque (Yu 2022, Eq. 16).
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 import time
-from typing import Any
 
 from gravity_comp_ros.api.axes import ArmOptions
-from gravity_comp_ros.api.steps import diagnose_recording
-from gravity_comp_ros.commands import arguments, html, next_step, reading, refitting, terminal
+from gravity_comp_ros.api.steps import diagnose_recording, held_out_blocks, not_held_out
+from gravity_comp_ros.commands import arguments, html, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
-from gravity_comp_ros.effects.motion_direction import min_speeds, speed_noise
 from gravity_comp_ros.effects.registry import broken_plug_ins
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.evaluation.compare import compare
-from gravity_comp_ros.facts.motion import describe, RecordingFacts
+from gravity_comp_ros.facts.motion import describe
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
-import numpy as np
-from rich.table import Table
 
-_DATA = ('joint', 'range rad', 'max rad/s', 'reversals', 'at rest', 'white noise N·m',
-         'effective n')
 _WHY_OPEN = {
     'ambiguous': 'an alternative explains the data equally well; together they predict the sum',
     'weak': 'too small, uncertain or not physical: do not add',
@@ -91,39 +85,45 @@ def run(args: argparse.Namespace) -> Answer:
     started = time.perf_counter()
     with terminal.progress() as report:
         recording = replace(reading.load(args, report, is_gated=False), gate=GateOptions())
-        if model is not None:
-            recording = refitting.without_held_out(model, recording)
+        if model is not None and held_out_blocks(model, recording.reports):
+            recording = replace(recording, use=not_held_out(model, recording))
         learning = ArmOptions(urdf=args.urdf, ordered=args.joints is not None)
         diagnosed = diagnose_recording(recording, model, DiagnosisOptions(effects=args.effects),
                                        learning, report, fits=bool(args.html))
-    diagnosis, facts, recording = diagnosed.diagnosis, diagnosed.facts, diagnosed.recording
-    reports, samples = recording.reports, recording.used
-    seconds = time.perf_counter() - started
-    findings = tuple(replace(f, next_step=f.next_step or (
-        _add(args, [target(f.effect, f.joint)], args.model or 'MODEL.json') if f.effect else ''))
-                     for f in diagnosis.findings)
-    diagnosis = replace(diagnosis, findings=findings)
-    samples = samples.joints(tuple(diagnosis.joints))
-    motion, rest = describe(samples), _rest(samples)
+    recording, reports = diagnosed.recording, diagnosed.recording.reports
+    diagnosis = replace(diagnosed.diagnosis, findings=tuple(
+        replace(f, next_step=f.next_step or f.effect and _add(
+            args, [target(f.effect, f.joint)], args.model or 'MODEL.json') or '')
+        for f in diagnosed.diagnosis.findings))
+    samples = recording.used.joints(tuple(diagnosis.joints))
     if args.html:
         _write_page(args, samples, diagnosed.model, diagnosis, reports, fitted=model is None)
-    if args.json != '-':
-        # Faults of the recording precede its findings.
-        terminal.warn(*(fact.sentence for fact in facts))
+    motion, seconds = describe(samples), time.perf_counter() - started
     held = (f'{len(recording.samples) - len(samples)} samples that were held out of the fit are '
             f'excluded, for `compare --holdout`')
+    applied = ', '.join(effect.target for effect in model.applied.effects) if model else ''
+    findings = diagnosis.table()
     lines = [terminal.styled('bold', wording.verdict(diagnosis)), '',
              *reading.bag_lines(reports), *reading.fitted_lines(model, reports),
              *([] if recording.use is None else [held]),
-             *_lines(args, diagnosis, motion, rest, model),
-             f'diagnosed in {seconds:.1f} s']
+             *([f'the model already includes {applied}'] if applied else []), '',
+             reading.motion_table(f'recording: {motion.n_samples} samples', motion),
+             *([terminal.table('missing effects', findings.columns, findings.rows,
+                               left=findings.columns[:findings.left])] if findings.rows else []),
+             *next_steps(args, diagnosis),
+             *terminal.bullets('yellow', motion.remarks),
+             *terminal.section('not identifiable from this recording',
+                               wording.untestable(diagnosis)),
+             '', f'diagnosed in {seconds:.1f} s']
     document = {
         **diagnosis.to_json(), 'model': args.model.name if args.model else None,
-        'data': _data(motion, rest), 'facts': [fact.to_json() for fact in facts],
+        'data': {**motion.to_json(), 'n_samples': motion.n_samples},
+        'facts': [fact.to_json() for fact in diagnosed.facts],
         'bags': [r.to_json() for r in reports],
         'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}
-    return Answer(document, lines, [*(reading.scale_warnings(model, reports) if model else []),
-                                    *broken_plug_ins()])
+    return Answer(document, lines, [
+        *(fact.sentence for fact in diagnosed.facts),
+        *(reading.scale_warnings(model, reports) if model else []), *broken_plug_ins()])
 
 
 def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel | None,
@@ -147,54 +147,6 @@ def _model(args: argparse.Namespace) -> GravityModel | None:
     # The bag may contain other joints, such as a gripper.
     args.joints = model.joints
     return model
-
-
-def _rest(samples: JointSamples) -> dict[str, float]:
-    """Return the share of samples at rest, by joint."""
-    still = np.abs(samples.qd) < 0.5 * min_speeds(speed_noise(samples))
-    return dict(zip(samples.names, still.mean(axis=0).tolist()))
-
-
-def _data(motion: RecordingFacts, rest: Mapping[str, float]) -> dict[str, Any]:
-    """Return the entry `data` of the JSON."""
-    return {'joints': {name: {'q_min': joint.q_min, 'q_max': joint.q_max,
-                              'max_speed': joint.max_speed, 'rms_speed': joint.rms_speed,
-                              'reversals': joint.reversals, 'rest': rest[name]}
-                       for name, joint in motion.joints.items()},
-            'n_samples': motion.n_samples, 'remarks': list(motion.remarks)}
-
-
-def _data_table(diagnosis: Diagnosis, motion: RecordingFacts, rest: Mapping[str, float]) -> Table:
-    """Return the table of excitation and noise of the joints."""
-    rows = []
-    for name, report in diagnosis.joints.items():
-        joint = motion.joints[name]
-        rows.append((name, f'{joint.q_min:.2f} … {joint.q_max:.2f}', f'{joint.max_speed:.3f}',
-                     '–' if joint.reversals is None else str(joint.reversals),
-                     f'{100 * rest[name]:.0f} %', f'{report.noise_floor:.3g}',
-                     f'{report.n_effective:.0f}'))
-    return terminal.table(
-        f'recording: {motion.n_samples} samples; they are autocorrelated, so the '
-        'effective sample size is smaller', _DATA, rows)
-
-
-def _lines(args: argparse.Namespace, diagnosis: Diagnosis, motion: RecordingFacts,
-           rest: Mapping[str, float], model: GravityModel | None) -> list[terminal.Line]:
-    applied = [effect.target for effect in model.applied.effects] if model is not None else []
-    untestable = [f'  {line}' for line in wording.untestable(diagnosis)]
-    heading: list[terminal.Line] = [
-        '', terminal.styled('bold', 'not identifiable from this recording')]
-    return [*([f'the model already includes {", ".join(applied)}'] if applied else []),
-            '', _data_table(diagnosis, motion, rest),
-            *([_table(diagnosis)] if diagnosis.findings else []), *next_steps(args, diagnosis),
-            *(terminal.styled('yellow', '  •', f' {line}') for line in motion.remarks),
-            *([*heading, *untestable] if untestable else []), '']
-
-
-def _table(diagnosis: Diagnosis) -> Table:
-    table = diagnosis.table()
-    return terminal.table('missing effects', table.columns, table.rows,
-                          left=table.columns[:table.left])
 
 
 def next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> list[terminal.Line]:
@@ -231,19 +183,19 @@ def _fit_command(args: argparse.Namespace, model: Path | str) -> list[str]:
 
 def _open_lines(args: argparse.Namespace, findings: Sequence[Finding]) -> list[terminal.Line]:
     """Return lines on open findings, their alternatives and their motion."""
-    lines: list[terminal.Line] = [
-        '', terminal.styled('bold', 'open', f': {counted(len(findings), "finding")}')]
+    lines = []
     for finding in findings:
-        lines.append(f'  {finding.effect or "unknown"} on {wording.where(finding)}: '
+        lines.append(f'{finding.effect or "unknown"} on {wording.where(finding)}: '
                      f'{finding.verdict}, {_WHY_OPEN[finding.verdict]}')
         if finding.rivals:
-            lines.append(f'    alternative: {", ".join(finding.rivals)}, with similar evidence')
+            lines.append(f'  alternative: {", ".join(finding.rivals)}, with similar evidence')
         if finding.next_step:
-            lines.append(f'    to resolve it: {finding.next_step}')
+            lines.append(f'  to resolve it: {finding.next_step}')
+    result = terminal.section(f'open: {counted(len(findings), "finding")}', lines)
     if any(f.next_step and f.effect is not None for f in findings):
         model = args.model or next_step.new_name()
-        lines += next_step.lines(
+        result += next_step.lines(
             'plan the motion that resolves them, record it, and diagnose all recordings together',
             *_fit_command(args, model), next_step.command(
                 'plan', args, '-o', next_step.new_name('motion', 'yaml'), model=model))
-    return lines
+    return result

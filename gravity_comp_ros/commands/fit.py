@@ -28,7 +28,7 @@ import time
 from gravity_comp_ros.api.axes import known_arm
 from gravity_comp_ros.api.recording import Holdout, Recording
 from gravity_comp_ros.api.steps import compare_model, learn, Learned, with_enough_motion
-from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.estimation.estimate import CHOICES
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> Answer:
     held_out = compare_model(model, held) if held else None
     if args.output:
         save_model(args.output, model)
-    warnings = refitting.warnings(refit) if refit else []
+    warnings = reading.refit_warnings(refit) if refit else []
     document = {
         'model': str(args.output) if args.output else None, **result.to_json(),
         'seconds': seconds, 'holdout': model.provenance['holdout'],
@@ -119,7 +119,7 @@ def _lines(args: argparse.Namespace, learned: Learned, held_out: Comparison | No
                           f' = {shortened(result.model.equation(joint), _SHOWN)}')
           for joint in result.model.joints),
         '', f'fitted in {seconds:.2f} s; {saved}', *_next_step(args),
-        *(['', *refitting.lines(learned.refit)] if learned.refit else [])]
+        *(['', *reading.refit_lines(learned.refit)] if learned.refit else [])]
 
 
 def _next_step(args: argparse.Namespace) -> list[terminal.Line]:

@@ -23,11 +23,11 @@ from gravity_comp_ros.api.axes import known_arm, KnownArm, NO_DESCRIPTION
 from gravity_comp_ros.api.read import joined, judged, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import with_enough_motion
-from gravity_comp_ros.commands import arguments, next_step, terminal
+from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
-from gravity_comp_ros.facts.motion import describe, MOTION, RecordingFacts
+from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.planning.enough import Enough, enough_motion
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
@@ -124,12 +124,10 @@ def _lines(report: ReadReport, facts: RecordingFacts) -> list[terminal.Line]:
         f'{report.duration_s:.4g} s, velocity {report.velocity}',
         *(dropped if report.dropped else []),
         f'slow samples {100 * facts.slow_share:.1f} %, kept by the slow-motion gate {facts.kept}',
-        terminal.table('', ('joint', *MOTION), [(name, *joint.cells())
-                                                for name, joint in facts.joints.items()]),
-        *(terminal.styled('yellow', '  •', f' {line}') for line in report.file_notes),
+        reading.motion_table('', facts), *terminal.bullets('yellow', report.file_notes),
         *map(_fact_line, (*report.facts, *facts.motion)), '']
 
 
 def _fact_line(fact: Fact) -> terminal.Line:
     word = 'refused: ' * (fact.action is Action.REFUSED)
-    return terminal.styled(_COLOURS[fact.action], '  •', f' {word}{fact.sentence}')
+    return terminal.bullets(_COLOURS[fact.action], [word + fact.sentence])[0]

@@ -1,22 +1,31 @@
-"""Recordings and robot description of a verb, and the lines shown about them."""
+"""Recordings, description and models of a verb, and the lines shown about them."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.commands.arguments import gate, read_options
+from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.commands.terminal import ProgressCallback
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.robot_tree import arm_joints
 from gravity_comp_ros.description.urdf import find_description, HeldPositions, read_text
-from gravity_comp_ros.errors import DataError, Hint
+from gravity_comp_ros.diagnosis import wording
+from gravity_comp_ros.display import change, percent
+from gravity_comp_ros.errors import DataError, Hint, OptionError
+from gravity_comp_ros.estimation.refit import Refit
+from gravity_comp_ros.facts.motion import MOTION, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.history import now, undone
+from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
+from rich.table import Table
 
 
 def load(args: argparse.Namespace, report: ProgressCallback,
@@ -29,7 +38,8 @@ def load(args: argparse.Namespace, report: ProgressCallback,
     :raises BagError: if a bag cannot be read.
     :raises ModelMismatchError: if two bags are of different robots.
     """
-    return read_recording(args.bags, read_options(args), gate(args) if is_gated else None, report)
+    gate = arguments.gate(args) if is_gated else None
+    return read_recording(args.bags, arguments.read_options(args), gate, report)
 
 
 def lines(recording: Recording, thinned: bool = True) -> list[str]:
@@ -55,6 +65,12 @@ def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
                    for reason, count in report.dropped.items() if count]
         result += [f'  {note}' for note in report.notes]
     return result
+
+
+def motion_table(title: str, motion: RecordingFacts) -> Table:
+    """Return the table of the ranges, speeds and efforts of the joints of a recording."""
+    return terminal.table(title, ('joint', *MOTION), [
+        (name, *joint.cells()) for name, joint in motion.joints.items()])
 
 
 def fitted_names(model: GravityModel | None, reports: Sequence[ReadReport]) -> list[str]:
@@ -106,3 +122,53 @@ def arm_of_model(args: argparse.Namespace, model: GravityModel) -> DescribedArm:
     """Return the arm of a model as --urdf describes it, with the joints of --fixed held."""
     return described_arm(read_text(args.urdf), model.joints, str(args.urdf),
                          HeldPositions(args.fixed))
+
+
+def fitted_gate(args: argparse.Namespace, model: GravityModel) -> GateOptions | None:
+    """Return the gate of the arguments if they have one, else that of the fit of the model."""
+    given = arguments.gate(args)
+    fitted = model.provenance.get('gate')
+    if fitted is None or given != GateOptions() or args.max_speed is not None:
+        return given
+    return None if fitted['all_samples'] else GateOptions(fitted['max_speed'], fitted['rate_hz'])
+
+
+def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> GravityModel:
+    """
+    Return the model before its last change; write it unless this is a dry run.
+
+    :raises OptionError: if the model has no change to undo.
+    """
+    try:
+        back = undone(model, now())
+    except DataError as problem:
+        raise OptionError(f'{args.model}: {problem}') from problem
+    if not args.dry_run:
+        save_model(output, back)
+    return back
+
+
+def refit_lines(result: Refit) -> list[terminal.Line]:
+    """Return the size of the fit, the held-out errors, and added and omitted effects."""
+    added = {effect.target: ', '.join(filter(None, (
+        wording.coefficients(effect.coefficients, 6), wording.settings(effect))))
+        for effect in result.model.applied.effects if effect.target in result.added}
+    return [
+        f'gravity and effects are fitted to {counted(result.n_samples, "sample")}',
+        '', terminal.table(
+            'held-out error: N·m, and share of the torque range',
+            ('joint', 'before', 'after', 'before', 'after', 'change'), [
+                (name, f'{e.before:.4f}', f'{e.after:.4f}', percent(e.nrmse_before),
+                 percent(e.nrmse_after), change(e.before, e.after))
+                for name, e in result.errors.items()]),
+        *(terminal.styled('bold', f'added {name}', f': {numbers}')
+          for name, numbers in added.items()),
+        *(f'omitted {name}: {why}' for name, why in result.skipped.items())]
+
+
+def refit_warnings(result: Refit) -> list[str]:
+    """Return warnings on a refit, with the command that undoes it."""
+    lines = result.warnings()
+    if not result.helps:
+        lines[-1] += '; `gravity_comp add --undo` removes the addition'
+    return lines

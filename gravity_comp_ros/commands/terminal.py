@@ -7,7 +7,7 @@ file may contain, are escaped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 import json
@@ -80,6 +80,16 @@ def show(*things: Line) -> None:
 def command(line: str) -> Text:
     """Return a command to copy, which `show` prints on one unbroken line."""
     return Text(f'  {printable(line)}', no_wrap=True)
+
+
+def section(title: str, lines: Sequence[str]) -> list[Line]:
+    """Return a bold title after an empty line, with indented lines; nothing without lines."""
+    return ['', styled('bold', title), *(f'  {line}' for line in lines)] if lines else []
+
+
+def bullets(style: str, lines: Iterable[str]) -> list[Line]:
+    """Return lines with a bullet in a style of rich."""
+    return [styled(style, '  •', f' {line}') for line in lines]
 
 
 def note(text: str) -> None:

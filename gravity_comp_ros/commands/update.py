@@ -23,7 +23,7 @@ import shlex
 
 from gravity_comp_ros.api.axes import known_arm, NO_DESCRIPTION
 from gravity_comp_ros.api.steps import update_model
-from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.errors import DataError, OptionError
@@ -72,7 +72,7 @@ def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> Answer
     if last is not None and last.action != UPDATED:
         raise OptionError(f'the last change of {args.model} is not an update but the addition of '
                           f'{", ".join(last.effects)} (`gravity_comp add --undo`)')
-    refitting.undo(args, model, target)
+    reading.undo(args, model, target)
     undone = 'would be undone' if args.dry_run else 'undone'
     return Answer({'model': str(target), 'undone': UPDATED, 'written': not args.dry_run},
                   [f'last update of {target} {undone}'])
