@@ -63,16 +63,21 @@ def section(contents: Contents, table: Table) -> Section | None:
 
 
 def _view(contents: Contents, arm: Geometry, table: Table) -> UIElement:
-    drawn = ColumnDataSource({name: [] for name in (
-        'x0', 'y0', 'x1', 'y1', 'colour', 'alpha', 'width')})
-    fig = plot('', '', '', 420, '', x_range=Range1d(-1, 1), y_range=Range1d(-1, 1))
-    fig.segment('x0', 'y0', 'x1', 'y1', source=drawn, line_color='colour', line_alpha='alpha',
-                line_width='width', line_cap='round')
-    fig.axis.visible = fig.grid.visible = False
-    fig.toolbar_location = None
+    links, joints, floor, visited, marked = (
+        ColumnDataSource({'x': [], 'y': [], **({'error': []} if k == 1 else {})})
+        for k in range(5))
     numbers = [contents.model.joints.index(name) for name in arm.joints]
     rmse = np.sqrt((contents.residual[:, numbers] ** 2).mean(axis=0))
     colours = LinearColorMapper(palette=HEAT, low=0.0, high=max(2.0 * rmse.max(), 1e-9))
+    fig = plot('', '', '', 420, '', x_range=Range1d(-1, 1), y_range=Range1d(-1, 1))
+    fig.line(source=floor, color=FAINT, line_alpha=0.35)
+    fig.line(source=links, color=FAINT, line_width=9, line_cap='round', line_join='round')
+    fig.scatter(source=joints, size=20, line_color=TEXT,
+                fill_color={'field': 'error', 'transform': colours})
+    for source, colour in ((visited, UP), (marked, MARKED)):
+        fig.scatter(source=source, size=4, color=colour, alpha=0.6)
+    fig.axis.visible = fig.grid.visible = False
+    fig.toolbar_location = None
     fig.add_layout(ColorBar(color_mapper=colours, width=12, title='|residual|, N·m'), 'right')
     pose_text = Div(disable_math=True, sizing_mode='stretch_width', stylesheets=[css.CONTENT],
                     styles={'color': 'var(--text)'})
@@ -82,13 +87,13 @@ def _view(contents: Contents, arm: Geometry, table: Table) -> UIElement:
     # Of the stretched arm, in m.
     reach = max(float(np.linalg.norm(arm.origins, axis=1).sum()), 1e-3)
     draw = CustomJS(code=_DRAW, args={
-        'samples': table.source, 'drawn': drawn, 'plot': fig, 'slider': slider,
+        'samples': table.source, 'links': links, 'joints': joints, 'floor': floor,
+        'visited': visited, 'marked': marked, 'plot': fig, 'slider': slider,
         'pose_text': pose_text, 'azimuth': azimuth, 'elevation': elevation,
-        'colours': colours, 'palette': [FAINT, TEXT, UP, MARKED], 'cursor': table.cursor,
+        'cursor': table.cursor,
         'arm': {'origins': arm.origins.tolist(), 'rotations': arm.rotations.tolist(),
                 'numbers': numbers, 'names': [markup.text(name) for name in arm.joints],
-                'rmse': np.maximum(rmse, 1e-9).tolist(), 'reach': reach,
-                'middle': [0.0, 0.0, _MIDDLE * reach]}})
+                'reach': reach, 'middle': [0.0, 0.0, _MIDDLE * reach]}})
     for model in (slider, azimuth, elevation):
         model.js_on_change('value', draw)
     # The plot is drawn first when it gets a size.
