@@ -139,9 +139,8 @@ class Table:
 
     Columns, for the model's joint n: `q{n}` rad, `v{n}` rad/s, `m{n}`, `p{n}` and `r{n}` N·m
     (measured, predicted, residual), `d{n}` the direction of motion as -1, 0, 1; `t` in s with
-    runs one after another; `w` the number of samples that a row represents. `rows` (R,) are
-    sample indices, -1 for a break. `range` is the common range of plots over time; `cursor` marks
-    the time of the drawn pose.
+    runs one after another. `rows` (R,) are sample indices, -1 for a break. `range` is the common
+    range of plots over time; `cursor` marks the time of the drawn pose.
     """
 
     def __init__(self, contents: Contents) -> None:
@@ -149,13 +148,12 @@ class Table:
         self.contents = contents
         time, self.starts = _plot_time(samples)
         self.end = float(time.max())
-        kept, weights = keep_extremes(samples.runs, np.hstack([samples.tau, contents.residual]))
+        kept = keep_extremes(samples.runs, np.hstack([samples.tau, contents.residual]))
         breaks = _breaks(contents, kept)
         self.rows = np.insert(kept, breaks, -1)
         self.range = padded(0.0, self.end, 0.01)
         self.cursor = Span(dimension='height', visible=False, line_width=1.5, line_color=PURPLE)
-        data: dict[str, NDArray[Any]] = {
-            't': self.column(time), 'w': np.insert(weights, breaks, 0.0).astype(np.float32)}
+        data: dict[str, NDArray[Any]] = {'t': self.column(time)}
         for n in contents.numbers:
             speed = samples.qd[:, n]
             direction = np.where(np.abs(speed) <= REGIONS.rest_speed, 0.0, np.sign(speed))
@@ -219,31 +217,25 @@ def _breaks(contents: Contents, rows: IntArray) -> IntArray:
 
 
 def keep_extremes(runs: IntArray, values: FloatArray,
-                  max_rows: int = REPORT.max_rows) -> tuple[IntArray, FloatArray]:
+                  max_rows: int = REPORT.max_rows) -> IntArray:
     """
-    Return increasing sample indices, about `max_rows` of M, and the weight of each sample.
+    Return increasing sample indices, about `max_rows` of M.
 
     Time is divided into intervals. The minimum and maximum of every column in each interval are
     kept, and so are the first and last samples of runs; equidistant samples fill the rest.
-    Extremes have weight 1; the other weights sum to the number of remaining samples, so that
-    weighted sums are unbiased.
 
     :param runs: the run of each sample (M,).
     :param values: the drawn values (M, K).
     """
     m, k = values.shape
     if m <= max_rows:
-        return np.arange(m, dtype=np.int64), np.ones(m)
-    intervals = max(1, max_rows // (4 * k))
+        return np.arange(m, dtype=np.int64)
     kept = [np.searchsorted(runs, np.unique(runs)),
             np.searchsorted(runs, np.unique(runs), side='right') - 1]
-    edges = np.linspace(0, m, intervals + 1).astype(np.int64)
+    edges = np.linspace(0, m, max(1, max_rows // (4 * k)) + 1).astype(np.int64)
     for first, last in zip(edges[:-1], edges[1:]):
         part = values[first:last]
         kept += [first + part.argmin(axis=0), first + part.argmax(axis=0)]
     extremes = np.unique(np.concatenate(kept))
     filling = np.linspace(0, m - 1, max(max_rows - len(extremes), 2)).astype(np.int64)
-    filling = np.setdiff1d(filling, extremes)
-    rows = np.union1d(extremes, filling).astype(np.int64)
-    weights = np.where(np.isin(rows, filling), (m - len(extremes)) / max(len(filling), 1), 1.0)
-    return rows, weights
+    return np.union1d(extremes, filling).astype(np.int64)

@@ -150,8 +150,8 @@ def test_the_report_in_a_browser(diagnosed, watched):
             has_text=re.compile(r'time.* s.*residual.* N·m', re.DOTALL)).first.wait_for()
         select(tab, first)
         text, rows = page.evaluate(_selection), tab.selected()
-        assert 20 < rows < 1200 and f'<b>{rows} selected</b>: run1.mcap, ' in text
-        assert re.search(r'[\d.]+ to [\d.]+ s. RMSE, N·m: shoulder [\d.]+, elbow [\d.]+</p>', text)
+        assert 20 < rows < 1200 and re.search(
+            rf'<b>{rows} drawn samples selected</b>: run1.mcap at [\d.]+ s to run1.mcap at', text)
         # The other joint, with the same selection, then both.
         joint = page.get_by_label('Plots of joint')
         expect(joint.locator('option:checked')).to_have_text('shoulder')
@@ -193,13 +193,6 @@ def test_the_arm_follows_the_slider_and_the_selection(contents, watched, tmp_pat
         time = float(re.search(r'At ([\d.]+) s', status.inner_text())[1])
         assert 0.6 * contents.samples.t[-1] < time < 0.9 * contents.samples.t[-1]
         assert tab.page.evaluate(_capsules) != turned
-        # The RMSE of a selection counts the samples that each drawn row represents.
-        count, start, end, rmse = map(float, re.search(
-            r'about (\d+) selected</b>: .*?([\d.]+) to ([\d.]+) s.*shoulder ([\d.]+)',
-            tab.page.evaluate(_selection)).groups())
-        inside = (contents.samples.t >= start - 0.01) & (contents.samples.t <= end + 0.01)
-        assert count == pytest.approx(inside.sum(), rel=0.1)
-        assert rmse == pytest.approx(np.sqrt((contents.residual[inside, 0] ** 2).mean()), rel=0.1)
         assert tab.complaints == [] and tab.requests == []
 
 
@@ -276,8 +269,8 @@ def test_headline_bars_and_emphasised_row_agree(contents):
 
 _capsules = """() => {
   for (const model of Bokeh.documents[0]._all_models.values())
-    if (model.type == 'ColumnDataSource' && model.get_column('width'))
-      return String(Array.from(model.get_column('x0')).slice(0, 200))
+    if (model.type == 'ColumnDataSource' && model.get_column('error'))
+      return String([model.get_column('x'), model.get_column('y')])
 }"""
 _selection = """() => {
   for (const model of Bokeh.documents[0]._all_models.values())

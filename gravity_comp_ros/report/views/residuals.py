@@ -16,34 +16,16 @@ from gravity_comp_ros.report.section import by_joint, Section
 from gravity_comp_ros.report.style import (
     DOWN, FAINT, label, MARKED, MEASURED, plot, PREDICTED, RESIDUAL, short, STILL, UP)
 
-# Text on the selection: number of samples, time range, RMSE of each joint.
+# Text on the selection: number of drawn samples, time range as `gravity_comp cut` takes it.
 _SELECTION_TEXT = """
-const rows = samples.selected.indices
-if (!rows.length) { selection.text = ''; return }
-const t = samples.get_column('t'), w = samples.get_column('w')
-let low = Infinity, high = -Infinity, count = 0
-for (const row of rows) {
-  low = Math.min(low, t[row])
-  high = Math.max(high, t[row])
-  count += w[row]
-}
+const t = samples.get_column('t'), times = samples.selected.indices.map(row => t[row])
 const place = (time) => {
-  let run = 0
-  while (run + 1 < starts.length && starts[run + 1] <= time + 1e-3) run++
-  return [run, Math.max(time - starts[run], 0).toFixed(2)]
+  const run = Math.max(starts.findLastIndex(start => start <= time + 1e-3), 0)
+  return `${runs[run]} at ${Math.max(time - starts[run], 0).toFixed(2)} s`
 }
-const [first, from] = place(low), [last, to] = place(high)
-const where = first == last ? `${runs[first]}, ${from} to ${to} s`
-  : `${runs[first]} at ${from} s to ${runs[last]} at ${to} s`
-const errors = joints.map((name, k) => {
-  const r = samples.get_column('r' + numbers[k])
-  let sum = 0
-  for (const row of rows) sum += w[row] * r[row] * r[row]
-  return `${name} ${Math.sqrt(sum / count).toFixed(4)}`
-})
-const about = rows.some(row => w[row] != 1) ? 'about ' : ''
-selection.text = `<p><b>${about}${Math.round(count)} selected</b>: ${where}. ` +
-  `RMSE, N·m: ${errors.join(', ')}</p>`
+const [low, high] = times.reduce(([a, b], x) => [Math.min(a, x), Math.max(b, x)], [1e99, -1e99])
+selection.text = !times.length ? ''
+  : `<p><b>${times.length} drawn samples selected</b>: ${place(low)} to ${place(high)}</p>`
 """
 _TALL, _LOW, _SQUARE = 190, 150, 187
 # Width of the y labels, equal in all plots so that their time axes are aligned.
@@ -68,19 +50,18 @@ def time_section(contents: Contents, table: Table, selector: Select) -> Section:
         [(MEASURED, 'measured'), (PREDICTED, 'predicted'),
          (RESIDUAL, 'residual: measured minus predicted'), (MARKED, 'selected')])
     return Section('time', 'Over time', lead, column(
-        _selection_text(contents, table), by_joint(selector, plots, 900),
+        _selection_text(table), by_joint(selector, plots, 900),
         sizing_mode='stretch_width'))
 
 
-def _selection_text(contents: Contents, table: Table) -> Div:
+def _selection_text(table: Table) -> Div:
     """Return a line on the selected samples."""
     line = Div(text='', disable_math=True, sizing_mode='stretch_width', name='selection',
                styles={'color': 'var(--text)', 'font-size': '14px'})
     table.source.selected.js_on_change('indices', CustomJS(code=_SELECTION_TEXT, args={
-        'samples': table.source, 'selection': line, 'numbers': contents.numbers,
+        'samples': table.source, 'selection': line,
         'runs': [markup.text(short(name, 40)) for _, name in table.starts],
-        'starts': [start for start, _ in table.starts],
-        'joints': [markup.text(name) for name in contents.joints]}))
+        'starts': [start for start, _ in table.starts]}))
     return line
 
 
