@@ -1,7 +1,8 @@
 """
 Dataclasses as plain values for JSON, and back by their type hints.
 
-A dataclass is an object of its fields, an array or a tuple a list, a mapping an object. `decode`
+A dataclass is an object of its fields, an array or a tuple a list, a mapping an object, a path
+its absolute name. `decode`
 refuses what JSON would convert silently: a number as text, text as a list, a missing or an unknown
 field.
 """
@@ -9,7 +10,9 @@ field.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints, Union
 
@@ -22,6 +25,8 @@ def encode(x: Any) -> Any:
         return {field.name: encode(getattr(x, field.name)) for field in fields(x)}
     if isinstance(x, (np.ndarray, np.generic)):
         return x.tolist()
+    if isinstance(x, Path):
+        return str(x.absolute())
     if isinstance(x, Mapping):
         return {key: encode(value) for key, value in x.items()}
     return [encode(value) for value in x] if isinstance(x, (list, tuple)) else x
@@ -32,7 +37,7 @@ def decode(kind: Any, value: Any) -> Any:
     Return the value of a type hint from the output of `encode`.
 
     :param kind: a dataclass, or a type hint of its fields: plain types, `X | None`, tuples,
-        mappings from text, and arrays of float64 or int64.
+        paths, mappings from text, and arrays of float64 or int64.
     :raises TypeError: if a value is of another type, or a field is missing or unknown.
     :raises ValueError: if lists of an array have different lengths, or a dataclass refuses.
     :raises OverflowError: if an integer of an array exceeds 64 bits.
@@ -41,7 +46,13 @@ def decode(kind: Any, value: Any) -> Any:
     if kind is Any:
         return value
     if origin in (Union, UnionType):
-        return None if value is None else decode(args[0], value)
+        *others, last = [each for each in args if each is not type(None)]
+        for each in others:
+            with suppress(TypeError):
+                return decode(each, value)
+        return None if value is None else decode(last, value)
+    if kind is Path:
+        return Path(_checked(value, str))
     if isinstance(kind, type) and is_dataclass(kind):
         parts, hints = _checked(value, dict), get_type_hints(kind)
         names = {field.name for field in fields(kind)}

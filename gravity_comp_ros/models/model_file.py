@@ -30,13 +30,18 @@ def save_model(path: Path | str, model: GravityModel) -> None:
     :raises ModelFileError: if it cannot be written, or contains values without JSON form: a number
         that is not finite, an object in the provenance.
     """
-    try:
-        body = _to_json(model)
-    except (TypeError, ValueError) as problem:
-        raise ModelFileError(f'cannot write model {path}: {problem}') from problem
+    write_atomically(Path(path), model_text(model).encode(), ModelFileError)
+
+
+def model_text(model: GravityModel) -> str:
+    """
+    Return the content of the file of a model.
+
+    :raises ModelFileError: if it has no form in JSON.
+    """
+    body = model_to_json(model)
     document = {'format': FORMAT, 'version': VERSION, 'sha256': _checksum(body), 'model': body}
-    text = json.dumps(document, indent=1, allow_nan=False) + '\n'
-    write_atomically(Path(path), text.encode(), ModelFileError)
+    return json.dumps(document, indent=1, allow_nan=False) + '\n'
 
 
 def checksum(model: GravityModel) -> str:
@@ -45,10 +50,7 @@ def checksum(model: GravityModel) -> str:
 
     :raises ModelFileError: if it has no form in JSON.
     """
-    try:
-        return _checksum(_to_json(model))
-    except (TypeError, ValueError) as problem:
-        raise ModelFileError(f'this model has no file: {problem}') from problem
+    return _checksum(model_to_json(model))
 
 
 def load_model(path: Path | str) -> GravityModel:
@@ -107,11 +109,18 @@ def _is_signed(body: dict[str, Any], checksum: object) -> bool:
         return False
 
 
-def _to_json(model: GravityModel) -> dict[str, Any]:
-    """Return the model as plain values, without the torques that follow from an energy."""
+def model_to_json(model: GravityModel) -> dict[str, Any]:
+    """
+    Return the model as plain values, without the torques that follow from an energy.
+
+    :raises ModelFileError: if it has no form in JSON.
+    """
     body = encode(model)
     for part in (body, *(step['previous'] for step in body['history'] if step['previous'])):
         if part['energy'] is not None:
             part['torques'] = []
-    # Through JSON and back, so that the checksum is that of the parsed file.
-    return dict(json.loads(json.dumps(body, allow_nan=False)))
+    try:
+        # Through JSON and back, so that the checksum is that of the parsed file.
+        return dict(json.loads(json.dumps(body, allow_nan=False)))
+    except (TypeError, ValueError) as problem:
+        raise ModelFileError(f'this model has no file: {problem}') from problem

@@ -17,6 +17,7 @@ from gravity_comp_ros.estimation.estimate import CHOICES
 from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.models.applied_effects import target as effect_name
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import model_text
 from gravity_comp_ros.planning.expected import EXPECTED
 from gravity_comp_ros.planning.questions import OPEN
 from gravity_comp_ros.planning.trajectory_files import to_yaml
@@ -28,7 +29,7 @@ from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.jobs import Step
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.store import Choice, model_text
+from gravity_comp_ros.workbench.store import Choice
 
 _ANY = ''
 

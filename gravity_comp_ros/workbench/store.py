@@ -8,14 +8,13 @@ default `~/.local/state`), readable only by this user and updated after every ch
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 import json
 import os
 from pathlib import Path
 import re
 import shlex
 import shutil
-import tempfile
 from typing import Any
 
 from gravity_comp_ros.api.axes import ArmOptions, WITH_AXES
@@ -26,9 +25,10 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.estimation.estimate import FitOptions
+from gravity_comp_ros.models.codec import decode, encode
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.history import now
-from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.models.model_file import load_model, model_to_json
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 
 # Model file in the exported command lines.
@@ -180,7 +180,7 @@ class State:
                 choice.command('diagnose', self.paths, *model, '--html', 'report.html')]
 
 
-_VERSION = 4
+_VERSION = 5
 _ID = re.compile(r'[0-9a-f]{16}')
 _MAX_SESSIONS = 50
 
@@ -201,18 +201,6 @@ def folder() -> Path:
     return Path(base) / 'gravity_comp' / 'workbench'
 
 
-def model_text(model: GravityModel) -> str:
-    """
-    Return the content of a model file.
-
-    :raises ModelFileError: if it cannot be stored.
-    """
-    with tempfile.TemporaryDirectory() as name:
-        path = Path(name) / 'model.json'
-        save_model(path, model)
-        return path.read_text()
-
-
 def save(place: Path, identity: str, state: State) -> None:
     """
     Write a session, atomically.
@@ -223,15 +211,12 @@ def save(place: Path, identity: str, state: State) -> None:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as problem:
         raise GravityCompError(f'cannot save the session in {place}: {problem}') from problem
-    document = {
-        'version': _VERSION, 'changed': now(), 'urdf': _absolute(state.urdf),
-        'recordings': [_absolute(path) for path in state.paths], 'hashes': dict(state.hashes),
-        'given': [_absolute(stage.given) for stage in state.given], 'joints': list(state.joints),
-        'choice': asdict(state.choice), 'at': state.at, 'to_learn': state.to_learn,
-        'stages': [{'name': stage.name, 'effects': list(stage.effects),
-                    'given': _absolute(stage.given), 'choice': asdict(stage.choice),
-                    'warnings': list(stage.warnings), 'model': model_text(stage.model)}
-                   for stage in state.stages]}
+    document = {'version': _VERSION, 'changed': now(), **encode(state)}
+    for name in ('stages', 'given'):
+        for stage, saved in zip(getattr(state, name), document[name]):
+            # A diagnosis is made again.
+            saved |= {'model': model_to_json(stage.model), 'diagnosis': None,
+                      'diagnosed_with': None}
     path = place / f'{identity}.json'
     write_atomically(path, json.dumps(document).encode(), GravityCompError)
     path.chmod(0o600)
@@ -250,15 +235,10 @@ def load(place: Path, identity: str) -> State:
         raise DataError('invalid session id')
     document = _read(place / f'{identity}.json')
     try:
-        given = tuple(Stage.of_file(path) for path in map(Path, document['given'])
-                      if path.is_file())
-        state = State(
-            tuple(map(Path, document['recordings'])), _choice(document['choice']), given,
-            Path(document['urdf']) if document['urdf'] else None, tuple(document['joints']),
-            tuple(_unstage(entry) for entry in document['stages']), document['at'],
-            bool(document['to_learn']), dict(document['hashes']))
+        state: State = decode(State, {name: value for name, value in document.items()
+                                      if name not in ('version', 'changed')})
         _check(state)
-    except (KeyError, TypeError, ValueError, AttributeError) as problem:
+    except (TypeError, ValueError, OverflowError) as problem:
         raise DataError(f'the file of session {identity} is damaged: {problem}') from problem
     return state
 
@@ -271,7 +251,7 @@ def listed(place: Path, max_count: int = 10) -> list[Entry]:
             document = _read(path)
             entries.append(Entry(
                 path.stem, str(document['changed']),
-                tuple(Path(recording).name for recording in document['recordings']),
+                tuple(Path(recording).name for recording in document['paths']),
                 tuple(str(stage['name']) for stage in document['stages'])))
         except (GravityCompError, KeyError, TypeError):
             continue
@@ -296,30 +276,6 @@ def _read(path: Path) -> dict[str, Any]:
     if not isinstance(document, dict) or document.get('version') != _VERSION:
         raise DataError(f'session {path.stem} was saved by another version of this program')
     return document
-
-
-def _absolute(path: Path | None) -> str | None:
-    return None if path is None else str(path.resolve())
-
-
-def _unstage(entry: dict[str, Any]) -> Stage:
-    with tempfile.TemporaryDirectory() as name:
-        path = Path(name) / 'model.json'
-        path.write_text(entry['model'])
-        model = load_model(path)
-    return Stage(str(entry['name']), model, _choice(entry['choice']),
-                 tuple(map(str, entry['effects'])),
-                 Path(entry['given']) if entry['given'] else None,
-                 warnings=tuple(map(str, entry['warnings'])))
-
-
-def _choice(entry: dict[str, Any]) -> Choice:
-    options: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
-                               for name, value in entry['reading'].items()}
-    return Choice(**{**entry, 'runs': tuple(map(int, entry['runs'])),
-                     'joints': tuple(map(str, entry['joints'])),
-                     'reading': ReadOptions(**options),
-                     'gate': GateOptions(**entry['gate']) if entry['gate'] else None})
 
 
 def _check(state: State) -> None:

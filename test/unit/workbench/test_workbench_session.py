@@ -17,6 +17,7 @@ from bench.shared.workbench_session import InProcess, session_of, worked
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
+from gravity_comp_ros.models.model_file import model_text
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
 from gravity_comp_ros.report import markup
@@ -246,7 +247,7 @@ def test_command_lines_reproduce_the_model_exactly(paths, tmp_path, capsys, seed
             assert program == 'gravity_comp' and main(arguments) == 0, line
         same = json.loads(Path('arm.json').read_text())['model']
         assert main([*shlex.split(compare)[1:], '--json', 'errors.json']) == 0
-    mine = json.loads(store.model_text(session.stage.model))['model']
+    mine = json.loads(model_text(session.stage.model))['model']
     # Gravity, effects, noise, range and provenance are equal.
     for model in (same, mine):
         model.pop('history')
@@ -285,7 +286,7 @@ def test_a_saved_session_is_restored(paths, tmp_path):
 
 def test_a_given_model_is_saved_by_its_path_and_named_in_the_next_step(learned, tmp_path):
     file, place = tmp_path / 'mine.json', tmp_path / 'state'
-    file.write_text(store.model_text(learned.stages[0].model))
+    file.write_text(model_text(learned.stages[0].model))
     given = (Stage.of_file(file),)
     session = worked(session_of(*learned.paths, place=place, given=given), until='DIAGNOSE')
     loaded = store.load(place, session.id)
