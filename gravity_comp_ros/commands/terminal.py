@@ -21,6 +21,7 @@ from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
 from rich import box
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 from rich.progress import TimeElapsedColumn
@@ -115,10 +116,11 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] =
     cells = [[cell if isinstance(cell, Text) else Text(printable(cell)) for cell in row]
              for row in rows]
     for number, heading in enumerate(columns):
-        words = [*map(Text, heading.split()), *(row[number] for row in cells)]
-        result.add_column(
-            Text(heading), justify='left' if number == 0 or heading in left else 'right',
-            min_width=None if heading in left else max(word.cell_len for word in words))
+        texts = [row[number].plain for row in cells]
+        words = ' '.join([heading, *texts]).split() if heading in left else [
+            *heading.split(), *texts]
+        result.add_column(Text(heading), min_width=max(map(cell_len, words)),
+                          justify='left' if number == 0 or heading in left else 'right')
     for row in cells:
         result.add_row(*row)
     return result
