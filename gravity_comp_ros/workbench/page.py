@@ -91,11 +91,7 @@ class Page:
         """Attach a session after the browser has drawn the page."""
         if self.results is not None:
             return
-        try:
-            session = self.sessions.attach(self._wanted, self)
-        except GravityCompError as problem:
-            self.verdict.text = f'<h1 id="words">{markup.text(problem)}</h1>'
-            return
+        session = self.sessions.attach(self._wanted, self)
         self.results = Results(session)
         self.browser.send('session', session.id)
         self.earlier.text = earlier_html(self.sessions.earlier(session.id), self._token)

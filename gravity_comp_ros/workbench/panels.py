@@ -11,7 +11,7 @@ from bokeh.models import CheckboxGroup, Select, TextInput, UIElement
 from gravity_comp_ros.api.axes import NO_DESCRIPTION
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
 from gravity_comp_ros.estimation.estimate import CHOICES
 from gravity_comp_ros.facts.fact import refused
@@ -31,32 +31,13 @@ from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.store import Choice
 
-_ANY = ''
-
-
 def request_controls(session: Session) -> list[UIElement]:
-    """Return the controls to request a plan; none without a diagnosis."""
-    diagnosis, stage = session.diagnosis, session.stage
-    if diagnosis is None or stage is None or stage.model.energy is None:
+    """Return the button that requests a plan for all open findings; none without a diagnosis."""
+    if session.diagnosis is None or session.stage is None or session.stage.model.energy is None:
         return []
-    chosen = widgets.select(
-        'Next recording resolves', [(_ANY, 'all open findings'), *(
-            (name, name) for name in open_effects(diagnosis))], _ANY, name='to-resolve')
-    ask = widgets.button('Plan a motion', lambda: session.request_plan(
-        (str(chosen.value),) if chosen.value else None), name='plan',
-                         disabled=session.worker.job is not None)
-    chosen.styles = {'flex': '1 1 150px', 'width': 'auto'}
-    return [row(chosen, ask, sizing_mode='stretch_width',
-                styles={'flex-wrap': 'wrap', 'align-items': 'end'})]
-
-
-def open_effects(diagnosis: Diagnosis) -> list[str]:
-    """Return the open and untestable effects, findings first, as `NAME:JOINT`."""
-    effects = [effect_name(f.effect, f.joint) for f in diagnosis.findings
-               if f.effect is not None and f.verdict in OPEN]
-    effects += [effect_name(effect, joint) for joint, report in diagnosis.joints.items()
-                for effect in report.untestable]
-    return list(dict.fromkeys(effects))
+    return [widgets.button('Plan a motion for all open findings',
+                           lambda: session.request_plan(None), name='plan',
+                           disabled=session.worker.job is not None)]
 
 
 def planned(session: Session, browser: widgets.Browser) -> list[UIElement]:

@@ -19,7 +19,7 @@ from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.views.arm import find_arm
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.store import Stage
+from gravity_comp_ros.workbench.store import MODEL_FILE, Stage
 import numpy as np
 
 # Verdicts with an Add button.
@@ -178,8 +178,8 @@ class Results:
         targets, session, stage = self.to_add(), self.session, self.session.stage
         if not targets or stage is None:
             return ''
-        more = (stage.given.resolve(),) if stage.given else ()
-        return session.choice.add_command(targets, session.paths, *more)
+        model = stage.given.resolve() if stage.given else MODEL_FILE
+        return session.choice.add_command(targets, session.paths, model)
 
     def others(self) -> dict[str, Stage]:
         """Return the models to compare with by name: other stages, and further model files."""

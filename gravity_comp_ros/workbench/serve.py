@@ -11,11 +11,9 @@ import secrets
 import signal
 import sys
 import tempfile
-import traceback
 import warnings
 import webbrowser
 
-import bokeh
 from bokeh.application import Application
 from bokeh.application.application import SessionContext
 from bokeh.application.handlers.function import FunctionHandler
@@ -32,7 +30,6 @@ from gravity_comp_ros.workbench.store import State
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 
-_BOKEH = Path(bokeh.__file__).parent
 _LOCAL = ('127.0.0.1', 'localhost')
 _POLL_MS = 100
 # Time, in ms, after which a closed page is discarded; its session remains.
@@ -43,15 +40,11 @@ LOGGERS = ('bokeh.server.protocol_handler', 'tornado.application', 'asyncio')
 
 def is_of_an_open_page(record: logging.LogRecord) -> bool:
     """
-    Return whether to show a log record.
+    Return whether to show a log record; an assertion of Bokeh is not shown.
 
-    A page may close while its messages are handled. Bokeh then misses the session of the page,
-    or closes it twice, and a failed assertion of Bokeh is logged, which is suppressed.
+    A page may close while its messages are handled. Bokeh then misses the session of the page.
     """
-    error = record.exc_info[1] if record.exc_info else None
-    frames = traceback.extract_tb(error.__traceback__) if error is not None else []
-    return not (isinstance(error, AssertionError) and frames
-                and Path(frames[-1].filename).is_relative_to(_BOKEH))
+    return not (record.exc_info and isinstance(record.exc_info[1], AssertionError))
 
 
 def serve(state: State, place: Path | None, host: str, port: int, browser: bool) -> None:

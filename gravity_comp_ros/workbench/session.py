@@ -18,7 +18,7 @@ from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import Learned, with_enough_motion
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
 from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import MotionPlan
@@ -171,8 +171,6 @@ class Session(State):
             except GravityCompError as problem:
                 self.error = str(problem)
             self.start()
-        if self.page is None and self.worker.job is None:
-            self.worker.rest()
 
     def _failed(self, job: Job, reason: str) -> None:
         self.error = reason
@@ -306,10 +304,6 @@ class Session(State):
             self.save_error = str(problem)
 
 
-# Each session with a page has a process of at least 80 MB.
-MAX_OPEN = 8
-
-
 class Sessions:
     """
     The open sessions. A session belongs to one page at a time, the most recent one.
@@ -325,14 +319,9 @@ class Sessions:
         self._temporary: TemporaryDirectory[str] | None = None
 
     def attach(self, identity: str, page: object) -> Session:
-        """
-        Return the session with this id for a page, or a new one if there is none.
-
-        :raises OptionError: if too many sessions have a page.
-        """
+        """Return the session with this id for a page, or a new one if there is none."""
         session = self.open.get(identity)
         if session is None:
-            self._make_room()
             session = self._opened(identity)
             self.open[session.id] = session
         session.page = page
@@ -354,9 +343,13 @@ class Sessions:
         return Path(self._temporary.name) / identity
 
     def poll(self) -> None:
-        """Process the events of all workers."""
+        """Process the events of all workers; a saved session without a page or a job is closed."""
         for session in list(self.open.values()):
             session.poll()
+            if session.page is None and session.worker.job is None:
+                session.worker.rest()
+                if self.place is not None and session.stages and not session.save_error:
+                    del self.open[session.id]
 
     def earlier(self, own: str = '') -> list[store.Entry]:
         """Return the saved sessions, the newest first."""
@@ -383,14 +376,3 @@ class Sessions:
         session = Session(self._start, self._new_worker(), secrets.token_hex(8), self.place)
         session.warning = warning
         return session
-
-    def _make_room(self) -> None:
-        """Close the oldest session without a page or a job; it remains saved on disk."""
-        if len(self.open) < MAX_OPEN:
-            return
-        idle = [session for session in self.open.values()
-                if session.page is None and session.worker.job is None]
-        if not idle:
-            raise OptionError(f'{MAX_OPEN} sessions are open: close the page of one of them')
-        idle[0].worker.rest()
-        del self.open[idle[0].id]

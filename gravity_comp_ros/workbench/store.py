@@ -30,6 +30,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.history import now
 from gravity_comp_ros.models.model_file import load_model, model_to_json
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
+from gravity_comp_ros.recordings.read_options import option_words
 
 # Model file in the exported command lines.
 MODEL_FILE = 'arm.json'
@@ -65,12 +66,6 @@ class Choice:
         urdf = self.urdf if self.formulation in WITH_AXES else None
         return ArmOptions(self.formulation, urdf, ordered=ordered)
 
-    def fit_options(self) -> list[str]:
-        """Return the arguments of a command with the same fit."""
-        axes = [] if self.urdf is None or self.formulation not in WITH_AXES else [
-            '--urdf', self.urdf]
-        return ['--formulation', self.formulation, *axes]
-
     def recording(self, samples: JointSamples, reports: Sequence[ReadReport]) -> Recording:
         """
         Return the chosen runs and joints of all recordings.
@@ -83,29 +78,24 @@ class Choice:
         return Recording(concatenate(runs).joints(self.joints), self.gate,
                          tuple(reports[number] for number in self.runs))
 
-    def gate_options(self) -> list[str]:
-        """Return the arguments of a command with the same gate."""
-        if self.gate is None:
-            return ['--all-samples']
-        given = (('--max-speed', 'max_speed'), ('--rate', 'rate_hz'))
-        return [word for option, name in given
-                if (value := getattr(self.gate, name)) != getattr(GateOptions(), name)
-                for word in (option, repr(value))]
+    def command(self, verb: str, paths: tuple[Path, ...], joints: bool = False,
+                gated: bool = True, **options: object) -> str:
+        """
+        Return a command line for the chosen ones of all recordings, with their reading.
 
-    def command(self, verb: str, paths: tuple[Path, ...], *options: str,
-                joints: bool = False) -> str:
-        """Return a command line for the chosen ones of all recordings, with their reading."""
+        :param gated: whether the verb has a gate; further options are by name.
+        """
+        gate = {'all_samples': self.gate is None, 'max_speed': self.gate and self.gate.max_speed,
+                'rate': self.gate and self.gate.rate_hz} if gated else {}
         # Absolute paths, so that the command lines run in any folder.
         files = [str(paths[run].resolve()) for run in self.runs]
         return f'gravity_comp {verb} ' + shlex.join(
-            [*files, *options, *self.options().words(joints=joints)])
+            [*files, *option_words({**options, **gate}), *self.options().words(joints=joints)])
 
     def add_command(self, effects: tuple[str, ...], paths: tuple[Path, ...],
-                    model: Path = Path(MODEL_FILE)) -> str:
+                    model: Path | str = MODEL_FILE) -> str:
         """Return the command line that adds effects to a model file."""
-        return self.command(f'add {shlex.quote(",".join(effects))}', paths, '--model',
-                            str(model), *(self.gate_options() or [
-                                '--max-speed', repr(GateOptions().max_speed)]))
+        return self.command(f'add {shlex.quote(",".join(effects))}', paths, model=model)
 
 
 @dataclass(frozen=True)
@@ -142,9 +132,10 @@ class Stage:
             return shlex.join(['cp', str(self.given.resolve()), MODEL_FILE])
         if self.effects:
             return self.choice.add_command(self.effects, paths)
-        return self.choice.command(
-            'fit', paths, *self.choice.fit_options(), *self.choice.gate_options(), '-o',
-            MODEL_FILE, joints=True)
+        choice = self.choice
+        return choice.command(
+            'fit', paths, joints=True, output=MODEL_FILE, formulation=choice.formulation,
+            urdf=choice.urdf if choice.formulation in WITH_AXES else None)
 
 
 @dataclass(eq=False)
@@ -174,10 +165,11 @@ class State:
             return []
         # From the last fit or file up to the current stage.
         start = max(k for k in range(self.at + 1) if not self.stages[k].effects)
-        choice, model = self.choice, ('--model', MODEL_FILE)
+        choice, model = self.choice, MODEL_FILE
         return [*(stage.command(self.paths) for stage in self.stages[start:self.at + 1]),
-                choice.command('compare', self.paths, *model, *choice.gate_options()),
-                choice.command('diagnose', self.paths, *model, '--html', 'report.html')]
+                choice.command('compare', self.paths, model=model),
+                choice.command('diagnose', self.paths, gated=False, model=model,
+                               html='report.html')]
 
 
 _VERSION = 5

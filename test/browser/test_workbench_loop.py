@@ -96,7 +96,7 @@ def _check_exports(page, folder):
     report = saved(page, 'Save a report', folder / 'report.html').read_text()
     assert 'id="verdict"' in report and 'coulomb_friction' in report
     lines = saved(page, 'Save command lines', folder / 'lines.sh').read_text()
-    assert re.search('/run2.mcap --formulation .* -o arm.json --joints shoulder,elbow', lines)
+    assert re.search('/run2.mcap --output arm.json --form.* --joints shoulder,elbow', lines)
     assert re.search('gravity_comp add coulomb_friction:shoulder .* --model arm.json', lines)
 
 
@@ -106,13 +106,10 @@ def test_a_motion_is_planned_for_an_open_finding(folder, watched, tmp_path):
     with served(folder, 'one_way.mcap') as (address, _), watched(home(address)) as tab:
         page = tab.page
         tab.open(address)
-        ask = page.get_by_role('button', name='Plan a motion')
+        ask = page.get_by_role('button', name='Plan a motion for all open findings')
         ask.wait_for()
         page.locator('#idle').wait_for()
-        choice = page.get_by_label('Next recording resolves')
         target = 'coulomb_friction:shoulder'
-        choice.locator('option', has_text=target).first.wait_for(state='attached')
-        choice.select_option(target)
         ask.click()
         page.locator('#planned').wait_for()
         row = page.get_by_role('row', name=re.compile(f'^{target} '))

@@ -225,17 +225,3 @@ def test_a_connection_that_closes_at_a_wrong_moment_logs_no_error(served, caplog
     assert served.call(lambda: list(tornado._clients)) == []
     loggers = {record.name for record in caplog.records}
     assert loggers <= set(serve.LOGGERS), loggers
-
-
-def test_other_errors_are_logged():
-    def record(error):
-        try:
-            raise error
-        except type(error) as problem:
-            return logging.makeLogRecord({'exc_info': (
-                type(problem), problem, problem.__traceback__)})
-
-    assert serve.is_of_an_open_page(record(ValueError()))
-    # An assertion of this package.
-    assert serve.is_of_an_open_page(record(AssertionError()))
-    assert serve.is_of_an_open_page(logging.makeLogRecord({'msg': 'anything'}))

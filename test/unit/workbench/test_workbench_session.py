@@ -16,13 +16,13 @@ from bench.shared.rough_links import COULOMB, JOINTS, two_links
 from bench.shared.workbench_session import InProcess, session_of, worked
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
+from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.model_file import model_text
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.summary import headline
-from gravity_comp_ros.workbench import session as all_sessions, store
+from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import Job, Step, Worker
 from gravity_comp_ros.workbench.page import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
@@ -344,22 +344,20 @@ def test_a_damaged_session_is_refused_in_one_line(paths, tmp_path):
             store.load(tmp_path, text)
 
 
-def test_a_session_has_one_page_and_their_number_is_limited(paths, monkeypatch):
-    monkeypatch.setattr(all_sessions, 'MAX_OPEN', 2)
-    sessions, pages = Sessions(State(paths), None, InProcess), [object() for _ in range(4)]
+def test_a_session_has_one_page_and_is_closed_without_one(paths, tmp_path):
+    sessions, pages = Sessions(State(paths), tmp_path, InProcess), [object() for _ in range(3)]
     first, second = (sessions.attach('', page) for page in pages[:2])
-    with pytest.raises(OptionError, match='2 sessions are open'):
-        sessions.attach('', pages[2])
     assert sessions.attach(first.id, pages[2]) is first and first.page is pages[2]
     sessions.detach(pages[0])
     assert first.page is pages[2]
-    # A session without a page goes on with its job, then makes room.
+    # A session without a page goes on with its job.
     sessions.detach(pages[1])
-    with pytest.raises(OptionError):
-        sessions.attach('', pages[3])
+    sessions.poll()
+    assert second.id in sessions.open and second.worker.done
     worked(second)
-    assert sessions.attach('', pages[3]).id not in (first.id, second.id)
-    assert second.id not in sessions.open
+    sessions.poll()
+    assert second.id not in sessions.open and first.id in sessions.open
+    assert sessions.attach(second.id, pages[1]).stages
 
 
 def until(worker, kind):
