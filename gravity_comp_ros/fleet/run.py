@@ -14,13 +14,13 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 import hashlib
 import importlib.util
-from itertools import islice, pairwise
+from itertools import islice
 import json
 import logging
 from pathlib import Path
 import signal
 import threading
-from typing import Any, TypeVar
+from typing import Any
 
 from distributed import as_completed, Client, Future, KilledWorker, LocalCluster, Security
 from gravity_comp_ros import __version__
@@ -38,8 +38,6 @@ from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.storage import data_files
 
 _SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
-Item = TypeVar('Item')
-Result = TypeVar('Result')
 # Timeout of the connection to a scheduler, s.
 _CONNECT = 30.0
 
@@ -69,17 +67,10 @@ class ClusterOptions:
         return ''
 
 
-@dataclass(frozen=True)
-class Failure:
-    """Failure of a task, with its reason in one line."""
-
-    reason: str
-
-
-def run_tasks(options: ClusterOptions, task: Callable[[Item], Result],
-              items: Sequence[Item]) -> Iterator[tuple[int, Result | Failure]]:
+def run_tasks(options: ClusterOptions, task: Callable[[Any], Any],
+              items: Sequence[Any]) -> Iterator[tuple[int, Any, str]]:
     """
-    Yield the index of each item with its result or a `Failure`, in order of completion.
+    Yield index, result, and reason of a failure in one line ('' for none) in order of completion.
 
     Dask repeats the task of a worker that died.
 
@@ -101,7 +92,10 @@ def run_tasks(options: ClusterOptions, task: Callable[[Item], Result],
         submit()
         for future in completed:
             number, error = numbers.pop(future), future.exception()
-            yield number, future.result() if error is None else Failure(_reason(error))
+            if error is None:
+                yield number, future.result(), ''
+            else:
+                yield number, None, _reason(error)
             future.release()
             submit()
 
@@ -150,17 +144,9 @@ def _can_encrypt() -> bool:
     return importlib.util.find_spec('cryptography') is not None
 
 
-@dataclass(frozen=True)
-class Robot:
-    """A robot, named after its folder, and its bags sorted by name."""
-
-    name: str
-    bags: tuple[Path, ...]
-
-
-def find_robots(folder: Path) -> list[Robot]:
+def find_robots(folder: Path) -> dict[str, tuple[Path, ...]]:
     """
-    Return the robots of a fleet, sorted by name.
+    Return the bags of each robot of a fleet, by its name, both sorted by name.
 
     Each subfolder is a robot, unless it is a rosbag2 folder. Bags directly in `folder` belong to
     one robot with the name of the folder.
@@ -171,17 +157,24 @@ def find_robots(folder: Path) -> list[Robot]:
         entries = sorted(path for path in folder.iterdir() if not path.name.startswith('.'))
     except OSError as error:
         raise BagError(f'cannot read the fleet {folder}: {error.strerror}') from None
-    folders = [folder, *(path for path in entries if path.is_dir() and not _is_bag(path))]
-    robots = sorted((Robot(path.resolve().name if path is folder else path.name, bags)
-                     for path in folders if (bags := _bags(path))), key=lambda robot: robot.name)
+    robots: dict[str, tuple[Path, ...]] = {}
+    for robot in (folder, *(path for path in entries if path.is_dir() and not _is_bag(path))):
+        name, bags = robot.resolve().name, _bags(robot)
+        if bags and name in robots:
+            raise BagError(f'two robots are named {name}: {folder} has bags of its own and a '
+                           f'subfolder of the same name')
+        robots |= {name: bags} if bags else {}
     if not robots:
         raise BagError(f'{folder} contains no recording: put the bags of each robot into a '
                        f'subfolder with its name')
-    for robot, other in pairwise(robots):
-        if robot.name == other.name:
-            raise BagError(f'two robots are named {robot.name}: {folder} has bags of its own and '
-                           f'a subfolder of the same name')
-    return robots
+    return dict(sorted(robots.items()))
+
+
+def _bags(folder: Path) -> tuple[Path, ...]:
+    try:
+        return tuple(sorted(path for path in folder.iterdir() if _is_bag(path)))
+    except OSError:
+        return ()
 
 
 def state_of(path: Path) -> list[tuple[str, int, int]]:
@@ -191,13 +184,6 @@ def state_of(path: Path) -> list[tuple[str, int, int]]:
                 for file in data_files(path)]
     except (BagError, OSError) as error:
         return [(f'{path}: {error}', 0, 0)]
-
-
-def _bags(folder: Path) -> tuple[Path, ...]:
-    try:
-        return tuple(sorted(path for path in folder.iterdir() if _is_bag(path)))
-    except OSError:
-        return ()
 
 
 def _is_bag(path: Path) -> bool:
@@ -251,7 +237,7 @@ class Outcome:
     resumed: int = 0
 
 
-def run_fleet(robots: Sequence[Robot], output: Path, options: FleetOptions,
+def run_fleet(robots: Mapping[str, tuple[Path, ...]], output: Path, options: FleetOptions,
               cluster: ClusterOptions = ClusterOptions(),
               progress: Progress = lambda step, fraction: None) -> Outcome:
     """
@@ -260,6 +246,7 @@ def run_fleet(robots: Sequence[Robot], output: Path, options: FleetOptions,
     A result is stored in OUTPUT/.fleet under the version of this package, the files and the
     options. The same call goes on where an earlier one ended.
 
+    :param robots: as of `find_robots`.
     :raises BagError: if a result cannot be written.
     :raises DataError: if the cluster cannot be reached.
     """
@@ -267,60 +254,61 @@ def run_fleet(robots: Sequence[Robot], output: Path, options: FleetOptions,
         (output / CACHE).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BagError(f'cannot create the folder {output}: {error.strerror}') from None
-    outcome, pending, keys = Outcome(), [], {}
-    for robot in robots:
-        keys[robot] = _key(robot, options)
-        stored = _stored(output, keys[robot])
+    outcome, pending = Outcome(), []
+    keys = {name: _key(name, bags, options) for name, bags in robots.items()}
+    for name, bags in robots.items():
+        stored = _stored(output, keys[name])
         if stored is None:
-            pending.append(robot)
+            pending.append((name, bags))
         else:
             outcome.resumed += 1
-            outcome.robots[robot.name] = stored['entry']
-            outcome.failed_bags.update(stored['failed_bags'])
-    task = partial(_result, options=options)
-    for count, (number, result) in enumerate(run_tasks(cluster, task, pending) if pending else ()):
-        robot = pending[number]
-        progress(f'{options.step} {robot.name}', (count + 1) / len(pending))
-        if isinstance(result, Failure):
-            outcome.failed_robots[robot.name] = result.reason
+            outcome.robots[name] = stored['entry']
+            outcome.failed_bags |= stored['failed_bags']
+    tasks = run_tasks(cluster, partial(_result, options=options), pending) if pending else ()
+    for count, (number, result, reason) in enumerate(tasks, start=1):
+        name = pending[number][0]
+        progress(f'{options.step} {name}', count / len(pending))
+        if reason:
+            outcome.failed_robots[name] = reason
             continue
-        _save(output, keys[robot], result)
-        outcome.robots[robot.name] = result.entry
-        outcome.failed_bags.update(result.failed_bags)
+        _save(output, keys[name], result)
+        outcome.robots[name] = result.entry
+        outcome.failed_bags |= result.failed_bags
     return outcome
 
 
-def _result(robot: Robot, options: FleetOptions) -> RobotResult:
+def _result(robot: tuple[str, tuple[Path, ...]], options: FleetOptions) -> RobotResult:
     """
-    Return the result of one robot; runs on a worker and writes no file.
+    Return the result of one robot, of its name and bags; runs on a worker and writes no file.
 
     :raises FitError: if none of its bags can be read, or the fit fails.
     """
+    name, bags = robot
     if options.step == 'fit':
-        recording, failed = _read(robot, options.reading, options.gate)
+        recording, failed = _read(bags, options.reading, options.gate)
         learned = learn(recording, options.learning)
         result, facts = learned.result, [fact.sentence for fact in learned.facts]
         return RobotResult({
-            'model': f'{robot.name}.json', 'bags': recording.n_runs,
+            'model': f'{name}.json', 'bags': recording.n_runs,
             'samples': result.model.coverage.n_samples, 'converged': result.converged,
             'rmse': result.report.rmse, 'warnings': [*result.report.warnings, *facts]},
             failed, result.model)
-    model = load_model(options.models / f'{robot.name}.json') if options.models else None
+    model = load_model(options.models / f'{name}.json') if options.models else None
     reading = options.reading
     if model is not None and reading.joints is None:
         reading = replace(reading, joints=model.joints)
-    recording, failed = _read(robot, reading, options.gate)
+    recording, failed = _read(bags, reading, options.gate)
     document = diagnose_recording(recording, model, DiagnosisOptions(effects=options.effects),
                                   options.learning).diagnosis.to_json()
-    return RobotResult({'diagnosis': f'{robot.name}.diagnosis.json',
+    return RobotResult({'diagnosis': f'{name}.diagnosis.json',
                         'findings': document['findings']}, failed, document)
 
 
-def _read(robot: Robot, options: ReadOptions,
+def _read(bags: Sequence[Path], options: ReadOptions,
           gate: GateOptions | None) -> tuple[Recording, dict[str, str]]:
     """Return the readable bags of a robot as one recording, and the reasons of the others."""
-    runs, failed, options = [], {}, bounded(options, len(robot.bags))
-    for bag in robot.bags:
+    runs, failed, options = [], {}, bounded(options, len(bags))
+    for bag in bags:
         try:
             runs.append(read_bag(bag, options))
             options = runs[-1].report.options
@@ -331,11 +319,10 @@ def _read(robot: Robot, options: ReadOptions,
     return joined(runs, gate), failed
 
 
-def _key(robot: Robot, options: FleetOptions) -> str:
+def _key(name: str, bags: Sequence[Path], options: FleetOptions) -> str:
     """Return the name of a result in the cache."""
-    model = options.models and options.models / f'{robot.name}.json'
-    parts = (__version__, asdict(options), robot.name,
-             [state_of(file) for file in (*robot.bags, *([model] if model else []))])
+    models = [options.models / f'{name}.json'] if options.models else []
+    parts = (__version__, asdict(options), name, [state_of(file) for file in (*bags, *models)])
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 

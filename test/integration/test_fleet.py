@@ -15,7 +15,7 @@ from gravity_comp_ros.api.axes import ArmOptions
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.fleet import run as fleet_run
 from gravity_comp_ros.fleet.run import (
-    CACHE, ClusterOptions, Failure, find_robots, FleetOptions, Robot, run_fleet, run_tasks)
+    CACHE, ClusterOptions, find_robots, FleetOptions, run_fleet, run_tasks)
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
@@ -53,9 +53,9 @@ def fit(fleet, output, where=ClusterOptions()):
 
 def test_layout_of_the_fleet_folder(fleet, tmp_path):
     robots = find_robots(fleet)
-    assert [(robot.name, [bag.name for bag in robot.bags]) for robot in robots] == [
+    assert [(name, [bag.name for bag in bags]) for name, bags in robots.items()] == [
         (name, ['run0.mcap', 'run1.mcap', 'run2.mcap']) for name in ('anna', 'bert')]
-    assert find_robots(fleet / 'anna') == [Robot('anna', robots[0].bags)]
+    assert find_robots(fleet / 'anna') == {'anna': robots['anna']}
     (tmp_path / 'empty').mkdir()
     with pytest.raises(BagError, match='contains no recording'):
         find_robots(tmp_path / 'empty')
@@ -110,11 +110,11 @@ def die_of(word: str) -> str:
 def test_other_tasks_go_on_after_an_error_and_the_death_of_workers():
     words = ['a', 'kill', 'b', 'error', 'c']
     with dask.config.set({'distributed.scheduler.allowed-failures': 1}):
-        results = dict(run_tasks(ClusterOptions(workers=2), die_of, words))
-    assert {k: words[k] for k in (0, 2, 4)} == {
-        k: result for k, result in results.items() if not isinstance(result, Failure)}
-    assert 'died' in results[1].reason
-    assert results[3].reason == 'internal error: ValueError: two lines'
+        results = {number: (result, reason) for number, result, reason in run_tasks(
+            ClusterOptions(workers=2), die_of, words)}
+    assert [results[k] for k in (0, 2, 4)] == [(words[k], '') for k in (0, 2, 4)]
+    assert 'died' in results[1][1]
+    assert results[3][1] == 'internal error: ValueError: two lines'
 
 
 @pytest.fixture
