@@ -22,7 +22,7 @@ the fit, "constant" that of a constant torque.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,20 +32,17 @@ from gravity_comp_ros.commands import arguments, html, next_step, reading, termi
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
+from gravity_comp_ros.display import percent
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.evaluation.compare import Comparison, JointComparison
+from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.evaluation.drift import Drift, drift
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.printable import counted, printable
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.topic_choice import named_joints
-from rich.table import Table
-from rich.text import Text
 
 _MAX_REGIONS = 2
-# Acceptable shares of residuals inside the 95 % band.
-_FAIR = (0.85, 0.99)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,40 +75,32 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     with terminal.progress() as report:
         recording, fitted = _unseen(args, model, reading.load(args, report))
     samples = recording.slow
-    few = _few(args, samples)
     comparison = compare_model(model, recording)
     since = None if previous is None else drift(previous, model, samples)
-    joints = {name: comparison.joints[name] for name in selected}
+    shown = replace(comparison, joints={name: comparison.joints[name] for name in selected})
+    diagnose = next_step.command('diagnose', args, model=args.model)
     if args.html:
         before, name = _previous(args, model, previous, recording)
         html.write_report(
             args, model, recording.samples, comparison, _samples_text(samples, recording),
             recording.reports, previous=before, previous_name=name, displayed=selected,
-            next_command=_diagnose_command(args))
-    document = comparison.to_json()
-    document |= {'joints': {name: document['joints'][name] for name in selected},
-                 'model': args.model.name, 'fitted_to': fitted,
-                 'previous': None if since is None else {
-                     'model': args.previous.name, **since.to_json()},
-                 **recording.to_json()}
-    changes: list[terminal.Line] = [] if since is None else [
-        '', _drift_table(args.previous.name, selected, since), *_drift_lines(since, selected)]
-    faster = next_step.lines('evaluate fast samples as well', f'{args.command} --all-samples')
+            next_command=diagnose)
+    document = {**shown.to_json(), 'model': args.model.name, 'fitted_to': fitted,
+                'previous': None if since is None else {
+                    'model': args.previous.name, **since.to_json()}, **recording.to_json()}
+    few = not args.all_samples and samples.n_samples < FactOptions().min_slow_samples
+    errors = shown.table(noise=dict(zip(model.joints, model.noise.tolist())))
+    title = f'error of the model, {counted(samples.n_samples, "sample")}'
     return terminal.Answer(
-        document, [*reading.lines(recording), '', _table(model, comparison, joints, samples),
-                   *_failures(joints, comparison.share_outside), *_band(comparison),
-                   *changes, *(faster if few else []),
-                   *next_step.lines('identify missing effects', _diagnose_command(args))],
-        [*reading.scale_warnings(model, recording.reports), *few,
+        document, [*reading.lines(recording), '',
+                   terminal.table(title, errors.columns, errors.rows), *_failures(shown),
+                   *([] if since is None else _drift_lines(args.previous.name, selected, since)),
+                   *next_step.lines('identify missing effects', diagnose)],
+        [*reading.scale_warnings(model, recording.reports),
+         *[f'only {counted(samples.n_samples, "slow sample")}: the error is unreliable; the '
+           'torque of fast samples includes friction and inertia (--all-samples)'] * few,
          *(f'the model was fitted to {name}: its error there is too small (fit and compare with '
            '--holdout, or compare on another run)' for name in fitted)])
-
-
-def _few(args: argparse.Namespace, samples: JointSamples) -> list[str]:
-    if args.all_samples or samples.n_samples >= FactOptions().min_slow_samples:
-        return []
-    return [f'only {counted(samples.n_samples, "slow sample")}: the error is unreliable; the '
-            f'torque of fast samples includes friction and inertia (--all-samples)']
 
 
 def _samples_text(samples: JointSamples, recording: Recording) -> str:
@@ -119,11 +108,6 @@ def _samples_text(samples: JointSamples, recording: Recording) -> str:
     selected = recording.gated.samples.n_samples
     held = '' if samples.n_samples == selected else f'; {samples.n_samples} of them were held out'
     return f'{counted(samples.n_samples, "sample")} ({recording.gated.sentence()}{held})'
-
-
-def _diagnose_command(args: argparse.Namespace) -> str:
-    """Return the command line that identifies missing effects."""
-    return next_step.command('diagnose', args, model=args.model)
 
 
 def _previous(args: argparse.Namespace, model: GravityModel, previous: GravityModel | None,
@@ -159,64 +143,32 @@ def _unseen(args: argparse.Namespace, model: GravityModel,
     return selected, []
 
 
-def _table(model: GravityModel, comparison: Comparison, joints: Mapping[str, JointComparison],
-           samples: JointSamples) -> Table:
-    errors = comparison.table(joints, dict(zip(model.joints, model.noise.tolist())))
-    worst = _worst(joints)
-    return terminal.table(
-        f'error of the model, {counted(samples.n_samples, "sample")}', errors.columns,
-        [[Text(printable(cell), style='bold' if row[0] == worst else '') for cell in row]
-         for row in errors.rows])
-
-
-def _failures(joints: dict[str, JointComparison], outside: float) -> list[str]:
-    """Return lines on the worst joint and on each joint's regions of large error."""
-    worst = _worst(joints)
-    lines = [f'worst joint: {worst}, RMSE {joints[worst].rmse:.4g} N·m']
+def _failures(comparison: Comparison) -> list[str]:
+    """Return lines on the worst joint, regions of large error, and the 95 % band."""
+    worst, outside = comparison.worst, comparison.share_outside
+    lines = [f'worst joint: {worst}, RMSE {comparison.joints[worst].rmse:.4g} N·m']
     if outside > 0.0:
         lines.append(f'{100 * outside:.1f} % of the samples are outside the trained poses')
-    for name, errors in joints.items():
-        lines += [f'  {name} {region.words}' for region in errors.where[:_MAX_REGIONS]]
-    return lines
+    lines += [f'  {name} {region.words}' for name, errors in comparison.joints.items()
+              for region in errors.where[:_MAX_REGIONS]]
+    shares = [f'{percent(share)} {where}' for where, share in (
+        ('in the trained range', comparison.in_band),
+        ('outside of it', comparison.in_band_outside)) if share is not None]
+    return [*lines, *([f'residuals inside the 95 % prediction band: {" and ".join(shares)}']
+                      if shares else [])]
 
 
-def _drift_table(name: str, selected: tuple[str, ...], since: Drift) -> Table:
-    rows = []
-    for joint in selected:
-        one = since.joints[joint]
-        rows.append((printable(joint), f'{one.rms:.4f}', f'{one.mean:+.4f}',
-                     '' if one.std is None else f'{one.std:.4f}',
-                     'unknown' if one.std is None else 'yes' if one.drifted else 'no'))
-    return terminal.table(f'change of the static torque since {name}, N·m',
-                          ('joint', 'RMS', 'mean', 'std of both models', 'drifted'), rows)
-
-
-def _drift_lines(since: Drift, selected: tuple[str, ...]) -> list[str]:
-    """Return a line on each coefficient that changed, and one if none did."""
+def _drift_lines(name: str, selected: Sequence[str], since: Drift) -> list[terminal.Line]:
+    """Return the change of each joint, and of each coefficient that changed."""
+    rows = [(joint, f'{one.rms:.4f}', f'{one.mean:+.4f}',
+             '' if one.std is None else f'{one.std:.4f}',
+             'unknown' if one.std is None else 'yes' if one.drifted else 'no')
+            for joint, one in since.joints.items() if joint in selected]
     lines = [f'{one.target} {one.symbol}: '
              + ' → '.join('not found' if x is None else wording.plus_minus(x)
                           for x in (one.before, one.after))
              for one in since.coefficients
              if one.drifted and one.target.split(':', 1)[1] in selected]
-    return lines or ['no coefficient of an effect drifted']
-
-
-def _band(comparison: Comparison) -> list[str]:
-    """Return a line on the shares of residuals inside the 95 % band, with their meaning."""
-    shares = {where: share for where, share in (
-        ('in the trained range', comparison.in_band), ('outside of it', comparison.in_band_outside)
-        ) if share is not None}
-    if not shares:
-        return []
-    low, high = min(shares.values()), max(shares.values())
-    meaning = ('far below 95 %: the errors exceed the predicted uncertainty, so an effect or a '
-               'payload is missing') if low < _FAIR[0] else (
-        'near 95 %, as expected') if high <= _FAIR[1] else (
-        'above 95 %: the errors are smaller than the predicted uncertainty')
-    listed = ' and '.join(f'{100 * share:.1f} % {where}' for where, share in shares.items())
-    return [f'"in band", "outside": residuals inside the 95 % prediction band, {listed}; '
-            f'{meaning}']
-
-
-def _worst(joints: Mapping[str, JointComparison]) -> str:
-    return max(joints, key=lambda name: joints[name].rmse)
+    return ['', terminal.table(f'change of the static torque since {name}, N·m',
+                               ('joint', 'RMS', 'mean', 'std of both models', 'drifted'), rows),
+            *(lines or ['no coefficient of an effect drifted'])]

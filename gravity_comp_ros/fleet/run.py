@@ -159,7 +159,7 @@ def find_robots(folder: Path) -> dict[str, tuple[Path, ...]]:
         raise BagError(f'cannot read the fleet {folder}: {error.strerror}') from None
     robots: dict[str, tuple[Path, ...]] = {}
     for robot in (folder, *(path for path in entries if path.is_dir() and not _is_bag(path))):
-        name, bags = robot.resolve().name, _bags(robot)
+        name, bags = (robot.resolve() if robot is folder else robot).name, _bags(robot)
         if bags and name in robots:
             raise BagError(f'two robots are named {name}: {folder} has bags of its own and a '
                            f'subfolder of the same name')
