@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 
-from bench.shared.browser import PLOTS, Watched, watched
+from bench.shared.browser import Watched, watched
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -63,9 +63,8 @@ def _opened(tab: Watched, address: str) -> None:
 def _look(tab: Watched, view: str, heading: str) -> None:
     """Open a view, and wait until it is there and its plots are drawn."""
     tab.page.get_by_role('button', name=view, exact=True).click()
-    tab.page.locator('#views').get_by_role('heading', name=heading).wait_for()
-    tab.page.wait_for_function(f'() => {{ const p = ({PLOTS})(); '
-                               'return p.length && p.every(x => x[1] > 60) }')
+    tab.page.frame_locator('#frame').get_by_role('heading', name=heading).wait_for()
+    tab.wait_for_plots(1)
     tab.page.wait_for_timeout(_DRAWN)
 
 

@@ -30,7 +30,7 @@ PLOTS = """() => {
                     view.frame.bbox.height])
     for (const child of view.child_views || []) walk(child)
   }
-  for (const view of Bokeh.index.roots) walk(view)
+  for (const view of window.Bokeh ? Bokeh.index.roots : []) walk(view)
   return results
 }"""
 # The number of selected rows of the shared table of all plots.
@@ -121,19 +121,24 @@ class Watched:
                              steps=4)
         self.page.mouse.up()
 
+    @property
+    def views(self):
+        """Return the frame of the plots: that of the workbench, or the page of a report."""
+        return self.page.frame(name='view') or self.page.main_frame
+
     def plots(self) -> list:
         """Return title, width and height of every plot that is on the page."""
-        return self.page.evaluate(PLOTS)
+        return self.views.evaluate(PLOTS)
 
     def wait_for_plots(self, number: int) -> None:
         """Wait until at least `number` plots are drawn, none of them too narrow to read."""
-        self.page.wait_for_function(
+        self.views.wait_for_function(
             f'(n) => {{ const p = ({PLOTS})(); return p.length >= n && p.every(x => x[1] > 60) }}',
             arg=number)
 
     def selected(self) -> int:
         """Return the number of selected rows of the shared table."""
-        return self.page.evaluate(SELECTED)
+        return self.views.evaluate(SELECTED)
 
     def _printed(self, message) -> None:
         if message.type in ('error', 'warning'):

@@ -52,8 +52,13 @@ def home(address):
 
 
 def row(page, joint):
-    """Return the row of a joint in a table."""
-    return page.get_by_role('row', name=re.compile(f'^{joint} ')).first
+    """Return the row of a joint in a table of the view."""
+    return view_of(page).get_by_role('row', name=re.compile(f'^{joint} ')).first
+
+
+def view_of(page):
+    """Return the frame of the view."""
+    return page.frame_locator('#frame')
 
 
 def rmse(page, joint):
@@ -66,7 +71,8 @@ def look(tab, name):
     """Open a view and wait until its plots are drawn."""
     title, at_least = VIEWS[name]
     tab.page.get_by_role('button', name=name, exact=True).click()
-    tab.page.locator('#views').get_by_role('heading', name=title, exact=True).wait_for()
+    view_of(tab.page).get_by_role('heading', name=title, exact=True).wait_for()
+    view_of(tab.page).locator('html[data-ready=yes]').wait_for()
     tab.wait_for_plots(at_least)
 
 

@@ -35,9 +35,7 @@ class InProcess:
 
 def session_of(*paths, place=None, **start):
     """Return a session of recordings with no job done."""
-    session = Session(State(paths, **start), InProcess(), '0123456789abcdef', place)
-    session.page = session
-    return session
+    return Session(State(paths, **start), InProcess(), '0123456789abcdef', place)
 
 
 def worked(session, until=None):

@@ -161,7 +161,7 @@ class Table:
                      f'd{n}': self.column(direction), f'm{n}': self.column(samples.tau[:, n]),
                      f'p{n}': self.column(contents.predicted[:, n]),
                      f'r{n}': self.column(contents.residual[:, n])}
-        self.source = ColumnDataSource(data)
+        self.source = ColumnDataSource(data, name='samples')
 
     @property
     def drawn(self) -> IntArray:
@@ -181,15 +181,6 @@ class Table:
     def add(self, columns: Mapping[str, NDArray[Any]]) -> None:
         """Add columns in one update, because each update sends the whole table to the page."""
         self.source.data = {**self.source.data, **columns}
-
-    @property
-    def selected(self) -> list[int]:
-        """Return the indices of the selected samples."""
-        return [int(row) for row in self.rows[self.source.selected.indices] if row >= 0]
-
-    def select(self, numbers: list[int]) -> None:
-        """Select samples by index, as far as they are drawn."""
-        self.source.selected.indices = np.flatnonzero(np.isin(self.rows, numbers)).tolist()
 
 
 def _plot_time(samples: JointSamples) -> tuple[FloatArray, list[tuple[float, str]]]:

@@ -103,11 +103,14 @@ NO_PLOTS = 'The plots require JavaScript, which is disabled in this browser. Tab
            'are shown.'
 
 
-def html_page(title: str, body: str, scripts: Sequence[str] = (), no_script: str = '') -> str:
+def html_page(title: str, body: str, scripts: Sequence[str] = (), no_script: str = '',
+              style: str = '', policy: str = '') -> str:
     """
     Return a page of safe HTML; it requires no network and no other file.
 
     :param no_script: shown by a browser without scripts.
+    :param style: rules in addition to those of a report.
+    :param policy: permissions in addition to those of a report.
     """
     nonce = secrets.token_urlsafe(16)
     run = '\n'.join(f'<script nonce="{nonce}">{script}</script>'
@@ -115,8 +118,8 @@ def html_page(title: str, body: str, scripts: Sequence[str] = (), no_script: str
     without = f'<noscript>{paragraph(no_script)}</noscript>' if no_script else ''
     return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
             f'<meta http-equiv="Content-Security-Policy" content="'
-            f'{_POLICY.format(nonce=nonce)}">\n'
+            f'{_POLICY.format(nonce=nonce)}{policy}">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             f'<link rel="icon" href="data:,">\n'
-            f'<title>{text(title)}</title>\n<style>{css.REPORT}</style>\n{run}\n'
+            f'<title>{text(title)}</title>\n<style>{css.REPORT}{style}</style>\n{run}\n'
             f'</head><body><main>{without}{body}</main></body></html>\n')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from bokeh.core.json_encoder import serialize_json
 from bokeh.document import Document
@@ -17,8 +17,8 @@ from gravity_comp_ros.report.views import (
     arm, effects, model, pairs, residuals, spectrum, summary)
 from gravity_comp_ros.report.views.summary import headline
 
-# Builds a section; None if it has no content.
-Maker = Callable[[Contents, Table, Select], Section | None]
+# Builds a section.
+Maker = Callable[[Contents, Table, Select], Section]
 # All sections by short name, in their order on the page.
 SECTIONS: dict[str, Maker] = {
     'Summary': lambda contents, table, selector: summary.section(contents, table),
@@ -38,6 +38,8 @@ BY_JOINT = ('Over time', 'Residual', 'Pairs', 'Spectrum')
 _PLACE = '<div class="plots"></div>'
 # MathJax is omitted: it would turn \href in a joint's name into a link.
 _COMPONENTS = ('bokeh', 'bokeh-widgets')
+# Style of a page with a part of the sections, which is shown in a frame.
+_PART = 'main { padding: 0 } h2 { margin-top: .4rem }'
 _DRAW = """
 window.addEventListener('load', async () => {
   const {Document} = Bokeh.require('document')
@@ -50,13 +52,17 @@ window.addEventListener('load', async () => {
 """
 
 
-def report_html(contents: Contents) -> str:
-    """Return the page; it requires no network and no other file."""
+def report_html(contents: Contents, names: Sequence[str] = tuple(SECTIONS)) -> str:
+    """
+    Return the page, which requires no network and no other file.
+
+    :param names: short names of the sections; the headline is that of all.
+    """
     # All plots share one table, so that selections are common.
     table = Table(contents)
     selector = joint_selector(contents.joints, str(contents.joints.index(contents.worst)))
-    sections = [section for make in SECTIONS.values()
-                if (section := make(contents, table, selector))]
+    sections = [SECTIONS[name](contents, table, selector) for name in names]
+    selector.visible &= any(name in BY_JOINT for name in names)
     document = Document(theme=THEME)
     # Collect the models once, not once per section.
     with document.models.freeze():
@@ -71,11 +77,14 @@ def report_html(contents: Contents) -> str:
         f'{"" if s.plots is None else _PLACE}{s.after}</section>\n' for s in sections)
     links = ''.join(f'<a href="#{s.key}">{markup.text(s.title)}</a>' for s in sections)
     title = ', '.join(report.path.name for report in contents.reports) or 'recording'
-    body = (f'<p class="quiet">{markup.text(title)} · model '
-            f'{markup.text(contents.model_file or "fitted for this report")} · '
-            f'{markup.text(contents.when)}</p>'
-            f'<h1 id="verdict">{markup.text(markup.units(headline(contents)))}</h1>'
-            f'<nav>{links}</nav><div id="joint">{_PLACE}</div>{parts}'
+    head = '' if len(names) < len(SECTIONS) else (
+        f'<p class="quiet">{markup.text(title)} · model '
+        f'{markup.text(contents.model_file or "fitted for this report")} · '
+        f'{markup.text(contents.when)}</p>'
+        f'<h1 id="verdict">{markup.text(markup.units(headline(contents)))}</h1>'
+        f'<nav>{links}</nav>')
+    body = (f'{head}<div id="joint">{_PLACE}</div>{parts}'
             f'<script type="application/json" id="data">{plots}</script>')
     bokeh = Resources(mode='inline', components=list(_COMPONENTS)).js_raw
-    return html_page(f'gravity_comp: {title}', body, [*bokeh, _DRAW, markup.COPY], NO_PLOTS)
+    return html_page(f'gravity_comp: {title}', body, [*bokeh, _DRAW, markup.COPY], NO_PLOTS,
+                     '' if head else _PART)

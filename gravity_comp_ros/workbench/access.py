@@ -1,9 +1,8 @@
 """
-Access control of the server: a token in the URL, response headers, and uploads.
+Access to the server of the workbench: a token in the address, headers, and uploads.
 
-Every user of this machine can reach the port. The page, its uploads and its list of sessions
-require the token, which only the terminal of the workbench shows. The websocket accepts only
-session ids that the server has signed and put into a page.
+Every user of this machine can reach the port. Every request needs the token, which only the
+terminal of the workbench shows, and only pages of this server may change anything.
 """
 
 from __future__ import annotations
@@ -11,87 +10,57 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from hmac import compare_digest
-from ipaddress import ip_address
 from pathlib import Path
 import re
 import secrets
-from typing import Any, BinaryIO
+from typing import BinaryIO
 import urllib.parse
 
-from bokeh.server.tornado import BokehTornado
+from gravity_comp_ros.workbench.page import Page
 from gravity_comp_ros.workbench.session import Sessions
-from tornado.httputil import HTTPHeaders, HTTPServerRequest
-from tornado.web import OutputTransform, RequestHandler, stream_request_body
+from tornado.web import RequestHandler, stream_request_body
 
-ARGUMENT = 'token'
-# MathJax would turn formulas in names into links.
-_REFUSED = '/static/js/bokeh-mathjax'
-_HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'DENY',
+_HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'SAMEORIGIN',
             'Referrer-Policy': 'no-referrer', 'Cross-Origin-Resource-Policy': 'same-origin',
-            'Cross-Origin-Opener-Policy': 'same-origin',
-            'Content-Security-Policy': "frame-ancestors 'none'"}
+            'Cross-Origin-Opener-Policy': 'same-origin', 'Cache-Control': 'no-store',
+            'Content-Security-Policy': "frame-ancestors 'self'"}
 
 
-def websocket_origins(address: str, port: int) -> list[str]:
-    """Return the hosts of pages that may open the websocket of a server on this address."""
-    try:
-        is_everywhere = ip_address(address).is_unspecified
-    except ValueError:
-        is_everywhere = not address
-    if is_everywhere:
-        return ['*']
-    own = f'[{address}]' if ':' in address else address
-    return [f'{name}:{port}' for name in ('localhost', '127.0.0.1', '[::1]', own)]
+class Handler(RequestHandler):
+    """A request with the token of the server for the `page` of an open session."""
 
+    needs_session = True
+    page: Page
 
-class TokenApplication(BokehTornado):
-    """Bokeh's server application, restricted to requests with the token."""
+    def initialize(self, sessions: Sessions, token: str) -> None:
+        """Store what all requests share."""
+        self.sessions, self.token = sessions, token
 
-    def __init__(self, applications: Any, token: str, **more: Any) -> None:
-        self._token = token
-        super().__init__(applications, sign_sessions=True,
-                         secret_key=secrets.token_bytes(32), **more)
-        self.add_transform(_Headers)
-
-    def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
-        """Return the handler of a request, or a refusal without the token."""
-        if request.path.startswith(_REFUSED) or request.method not in ('GET', 'HEAD', 'PUT'):
-            return self._refusal(request, 404, 'there is no such page')
-        # Bokeh's scripts are public, and the websocket has its own check.
-        is_open = request.path.startswith('/static/') or request.path == '/ws'
-        given = b''.join(request.arguments.get(ARGUMENT, []))
-        if not is_open and not compare_digest(given, self._token.encode()):
-            return self._refusal(request, 403, 'open the address that the terminal of the '
-                                 'workbench shows: it contains a token')
-        return super().find_handler(request, **more)
-
-    def _refusal(self, request: HTTPServerRequest, status: int, reason: str) -> Any:
-        return self.get_handler_delegate(request, _Refusal, {'status': status, 'reason': reason})
-
-
-class _Refusal(RequestHandler):
-    """Refuses a request with a line of text."""
-
-    def initialize(self, status: int, reason: str) -> None:
-        """Store status and reason."""
-        self._status, self._text = status, reason
+    def set_default_headers(self) -> None:
+        """Set the headers of every answer."""
+        for name, value in _HEADERS.items():
+            self.set_header(name, value)
 
     def prepare(self) -> None:
-        """Refuse."""
-        self.set_status(self._status)
+        """Refuse a request without the token or a session, or a change from another site."""
+        given = self.get_query_argument('token', '')
+        origin = urllib.parse.urlsplit(self.request.headers.get('Origin', '')).netloc
+        session = self.sessions.open.get(self.get_query_argument('session', ''))
+        if not compare_digest(given.encode(), self.token.encode()):
+            self.refuse(403, 'open the address that the terminal of the workbench shows: it '
+                             'contains a token')
+        elif self.request.method not in ('GET', 'HEAD') and origin != self.request.host:
+            self.refuse(403, 'only this page may upload a recording or change a session')
+        elif session is not None:
+            session.page = self.page = session.page or Page(session)
+        elif self.needs_session:
+            self.refuse(404, 'this session is not open')
+
+    def refuse(self, status: int, reason: str) -> None:
+        """End the request with a line of text."""
+        self.set_status(status)
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
-        self.finish(self._text + '\n')
-
-
-class _Headers(OutputTransform):
-    """Adds the headers that keep other sites from framing or including a page."""
-
-    def transform_first_chunk(self, status_code: int, headers: HTTPHeaders, chunk: bytes,
-                              finishing: bool) -> tuple[int, HTTPHeaders, bytes]:
-        """Return the response with the headers."""
-        for name, value in _HEADERS.items():
-            headers[name] = value
-        return status_code, headers, chunk
+        self.finish(reason)
 
 
 # Maximum size in bytes of a recording, and of all uploaded recordings that are kept.
@@ -112,42 +81,34 @@ def safe_name(name: str) -> str | None:
 
 
 @stream_request_body
-class UploadHandler(RequestHandler):
-    """
-    Receives a file for a session with an open page: PUT /upload?token=TOKEN&session=ID&name=FILE.
-
-    Only pages of this server may upload: the browser's `Origin` header must name this server.
-    """
+class UploadHandler(Handler):
+    """Receives a file for an open session: PUT /upload?token=TOKEN&session=ID&name=FILE."""
 
     _running: UploadHandler | None = None
-    _file: BinaryIO | None
-
-    def initialize(self, sessions: Sessions) -> None:
-        """Store the sessions."""
-        self._sessions, self._file = sessions, None
+    _file: BinaryIO | None = None
 
     def prepare(self) -> None:
         """Refuse invalid uploads before any data is read."""
-        origin = urllib.parse.urlsplit(self.request.headers.get('Origin', '')).netloc
+        super().prepare()
+        if self._finished:
+            return
         name = safe_name(self.get_query_argument('name', ''))
-        session = self._sessions.open.get(self.get_query_argument('session', ''))
+        session = self.page.session
         size = self.request.headers.get('Content-Length', '')
-        if self.request.method != 'PUT' or origin != self.request.host:
-            self._refuse(403, 'only this page may upload a recording')
-        elif session is None or session.page is None or session.read is None:
-            self._refuse(409, 'wait until the recordings have been read')
+        if session.read is None:
+            self.refuse(409, 'wait until the recordings have been read')
         elif UploadHandler._running is not None:
-            self._refuse(409, 'wait until the other upload has ended')
+            self.refuse(409, 'wait until the other upload has ended')
         elif name is None:
-            self._refuse(415, 'upload one file that ends in .mcap or .db3')
+            self.refuse(415, 'upload one file that ends in .mcap or .db3')
         elif not size.isdecimal() or int(size) > MAX_BYTES:
-            self._refuse(413, f'the file is larger than {MAX_BYTES >> 30} GiB: name it on the '
+            self.refuse(413, f'the file is larger than {MAX_BYTES >> 30} GiB: name it on the '
                          f'command line of the workbench')
         else:
-            folder = self._sessions.upload_folder(session.id)
+            folder = self.sessions.upload_folder(session.id)
             kept = sum(path.stat().st_size for path in folder.parent.rglob('*') if path.is_file())
             if kept + int(size) > MAX_TOTAL:
-                self._refuse(507, f'all uploaded recordings together would be larger than '
+                self.refuse(507, f'all uploaded recordings together would be larger than '
                              f'{MAX_TOTAL >> 30} GiB: delete some in {folder.parent}')
                 return
             # The default limit of tornado is smaller.
@@ -163,7 +124,7 @@ class UploadHandler(RequestHandler):
         if self._file is None:
             return
         if not self._file.tell() and not chunk.startswith(_MAGIC[self._path.suffix]):
-            self._refuse(415, _OTHER_FORMAT)
+            self.refuse(415, _OTHER_FORMAT)
             return
         with self._saving():
             self._file.write(chunk)
@@ -173,14 +134,14 @@ class UploadHandler(RequestHandler):
         try:
             yield
         except OSError as problem:
-            self._refuse(507, f'cannot save the file: {problem.strerror}')
+            self.refuse(507, f'cannot save the file: {problem.strerror}')
 
     def put(self) -> None:
         """Add the complete file to the session."""
         if self._file is None:
             return
         if not self._file.tell():
-            self._refuse(415, _OTHER_FORMAT)
+            self.refuse(415, _OTHER_FORMAT)
             return
         with self._saving():
             # A full disk may show only now.
@@ -194,11 +155,10 @@ class UploadHandler(RequestHandler):
         """Delete an incomplete file."""
         self._drop()
 
-    def _refuse(self, status: int, reason: str) -> None:
+    def refuse(self, status: int, reason: str) -> None:
+        """End the request, and delete an incomplete file."""
         self._drop()
-        self.set_status(status)
-        self.set_header('Content-Type', 'text/plain; charset=utf-8')
-        self.finish(reason)
+        super().refuse(status, reason)
 
     def _drop(self) -> None:
         if self._file is not None:
@@ -207,27 +167,3 @@ class UploadHandler(RequestHandler):
                 self._file.close()
             self._path.with_suffix(_PARTIAL).unlink(missing_ok=True)
         self._file = None
-
-
-SCRIPT = """
-const status = document.getElementById('upload-status')
-const upload = async (files) => {
-  if (files.length != 1) {
-    status.textContent = 'One file at a time.'
-    return
-  }
-  const file = files[0], url = new URL('upload' + location.search, location)
-  url.searchParams.set('name', file.name)
-  status.textContent = `uploading ${file.name} …`
-  const answer = file.size > MAX_BYTES ? null :
-    await fetch(url, {method: 'PUT', body: file}).catch(() => null)
-  status.textContent = !answer ? `${file.name} was not uploaded: it is a folder or too large.`
-    : answer.ok ? `${file.name} was uploaded.` : `${file.name}: ${await answer.text()}`
-}
-document.getElementById('upload').addEventListener('change', (event) => upload(event.target.files))
-for (const type of ['dragover', 'drop'])
-  document.addEventListener(type, (event) => {
-    event.preventDefault()
-    if (type == 'drop' && event.dataTransfer.files.length) upload(event.dataTransfer.files)
-  })
-""".replace('MAX_BYTES', str(MAX_BYTES))

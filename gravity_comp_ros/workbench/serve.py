@@ -1,50 +1,116 @@
-"""Server of the workbench page."""
+"""Server of the workbench: the page, what it shows, requests, views and files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import asyncio
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 import errno
+import json
 import logging
 from pathlib import Path
 import secrets
 import signal
 import sys
 import tempfile
-import warnings
+import time
+from typing import Any
+import urllib.parse
 import webbrowser
 
-from bokeh.application import Application
-from bokeh.application.application import SessionContext
-from bokeh.application.handlers.function import FunctionHandler
-from bokeh.document import Document
-from bokeh.server.server import BaseServer
-from bokeh.server.util import bind_sockets
-from bokeh.util.warnings import BokehUserWarning
-from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.workbench.access import (
-    ARGUMENT, TokenApplication, UploadHandler, websocket_origins)
-from gravity_comp_ros.workbench.page import Page
+from gravity_comp_ros.errors import GravityCompError, OptionError
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.page import report_html, SECTIONS
+from gravity_comp_ros.workbench.access import Handler, UploadHandler
+from gravity_comp_ros.workbench.page import earlier_html
 from gravity_comp_ros.workbench.session import Sessions
 from gravity_comp_ros.workbench.store import State
+from gravity_comp_ros.workbench.widgets import page_html
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
+from tornado.netutil import bind_sockets
+from tornado.web import Application
 
+_LOG = logging.getLogger(__name__)
 _LOCAL = ('127.0.0.1', 'localhost')
 _POLL_MS = 100
-# Time, in ms, after which a closed page is discarded; its session remains.
-_UNUSED_MS = 15000
-# Loggers of Bokeh and Tornado for messages of a page.
-LOGGERS = ('bokeh.server.protocol_handler', 'tornado.application', 'asyncio')
+# Longest wait, in s, for a change to show; the browser asks again.
+_MAX_WAIT = 20.0
 
 
-def is_of_an_open_page(record: logging.LogRecord) -> bool:
-    """
-    Return whether to show a log record; an assertion of Bokeh is not shown.
+class _Start(Handler):
+    needs_session = False
 
-    A page may close while its messages are handled. Bokeh then misses the session of the page.
-    """
-    return not (record.exc_info and isinstance(record.exc_info[1], AssertionError))
+    def get(self) -> None:
+        """Send the page of a session; an unknown one gives a new session."""
+        given = self.get_query_argument('session', '')
+        session = self.sessions.session(given)
+        query = urllib.parse.urlencode({'token': self.token, 'session': session.id})
+        if session.id != given:
+            self.redirect(f'?{query}')
+            return
+        self.finish(page_html(earlier_html(self.sessions.earlier(session.id), self.token)))
+
+
+class _Shown(Handler):
+    async def get(self) -> None:
+        """Send what the page shows as soon as it differs from what the browser has."""
+        page = self.page
+        end = time.monotonic() + _MAX_WAIT
+        page.session.start()
+        page.session.seen = time.monotonic()
+        while page.tag == self.get_query_argument('tag', '') and time.monotonic() < end:
+            page.session.seen = time.monotonic()
+            await asyncio.sleep(1e-3 * _POLL_MS)
+        self.finish({'tag': page.tag, **page.parts()})
+
+
+class _Act(Handler):
+    def post(self) -> None:
+        """Do what a button or a drop-down list requests."""
+        page = self.page
+        try:
+            request = json.loads(self.request.body)
+            form: dict[str, list[str]] = {}
+            for name, value in request['form']:
+                form.setdefault(name, []).append(value)
+            page.act(request['what'], request['value'], form)
+        except GravityCompError as problem:
+            page.session.warn(str(problem))
+        except (KeyError, TypeError, ValueError, IndexError):
+            self.refuse(400, 'there is no such request')
+
+
+class _View(Handler):
+    async def get(self) -> None:
+        """Send a view of the report; another thread makes it."""
+        contents, name = self.page.contents, self.get_query_argument('view', '')
+        if contents is None or name not in SECTIONS:
+            self.refuse(404, 'there is no such view')
+            return
+        try:
+            html = await IOLoop.current().run_in_executor(None, report_html, contents, (name,))
+        except Exception as problem:
+            # A failure of one view must be reported on the page.
+            _LOG.exception('the view %s failed', name)
+            html = markup.html_page(name, markup.paragraph(
+                f'This view cannot be drawn, please report it: {type(problem).__name__}: '
+                f'{problem}', 'warning'))
+        self.finish(html)
+
+
+class _File(Handler):
+    async def get(self, name: str) -> None:
+        """Send a file made of the current model."""
+        page = self.page
+        try:
+            text = await IOLoop.current().run_in_executor(None, page.file(name))
+        except (GravityCompError, KeyError) as problem:
+            self.refuse(404, str(problem))
+            return
+        self.set_header('Content-Type', 'application/octet-stream')
+        self.set_header('Content-Disposition', f'attachment; filename="{name}"')
+        self.finish(text)
 
 
 def serve(state: State, place: Path | None, host: str, port: int, browser: bool) -> None:
@@ -56,79 +122,51 @@ def serve(state: State, place: Path | None, host: str, port: int, browser: bool)
     :param browser: whether to open the page in a browser.
     :raises OptionError: if the address is not available.
     """
-    # A browser returns a model that it has just received; this is harmless.
-    warnings.filterwarnings('ignore', 'reference already known', BokehUserWarning)
-    # A page may be closed while a message is sent to it.
-    logging.getLogger('bokeh.server.views.ws').setLevel(logging.ERROR)
-    for name in LOGGERS:
-        logging.getLogger(name).addFilter(is_of_an_open_page)
     sessions, token = Sessions(state, place), secrets.token_urlsafe(24)
-
-    def open_page(document: Document) -> None:
-        page = Page(document, sessions, token, _argument(document, 'session'))
-
-        def ended(context: SessionContext) -> None:
-            page.close()
-
-        document.on_session_destroyed(ended)
-
-    server = make_server(host, port, Application(FunctionHandler(open_page)),
-                         sessions, token)
+    loop = IOLoop.current()
+    server, port = make_server(host, port, sessions, token)
     polling = PeriodicCallback(sessions.poll, _POLL_MS)
     polling.start()
     # The loop handles the signal between callbacks, so no callback is interrupted.
-    server.io_loop.asyncio_loop.add_signal_handler(  # type: ignore[attr-defined]
-        signal.SIGINT, server.io_loop.stop)
+    loop.asyncio_loop.add_signal_handler(signal.SIGINT, loop.stop)  # type: ignore[attr-defined]
     here = host if host in _LOCAL else '127.0.0.1'
-    address = f'http://{here}:{server.port}/?{ARGUMENT}={token}'
+    address = f'http://{here}:{port}/?token={token}'
     print(f'workbench at {address} (Ctrl-C to stop)', flush=True)
     if host not in _LOCAL:
         print(f'warning: served on {host} without encryption: the token and the '
               f'recordings can be read on the network', file=sys.stderr, flush=True)
     try:
-        if browser:
-            with _redirection(address) as page:
-                server.io_loop.add_callback(webbrowser.open, page.as_uri())
-                server.run_until_shutdown()
-        else:
-            server.run_until_shutdown()
+        with _redirection(address) as page:
+            if browser:
+                loop.add_callback(webbrowser.open, page.as_uri())
+            loop.start()
     finally:
         polling.stop()
+        server.stop()
         sessions.close()
 
 
-def make_server(host: str, port: int, application: Application, sessions: Sessions,
-                token: str) -> BaseServer:
+def make_server(host: str, port: int, sessions: Sessions, token: str) -> tuple[HTTPServer, int]:
     """
-    Return a running server; port 0 is any free one.
+    Return a running server, and its port; port 0 is any free one.
 
     :raises OptionError: if the address is not available.
     """
     try:
-        sockets, port = bind_sockets(host, port)
+        sockets = bind_sockets(port, host)
     except OSError as problem:
         in_use = problem.errno in (errno.EADDRINUSE, errno.EACCES)
         reason = f'port {port} is in use' if in_use else \
             f'cannot serve on {host}: {(problem.strerror or "unknown").lower()}'
         raise OptionError(f'{reason}: choose another with --port, or 0 for any free port'
                           ) from problem
-    guarded = TokenApplication(
-        {'/': application}, token, extra_websocket_origins=websocket_origins(host, port),
-        extra_patterns=[('/upload', UploadHandler, {'sessions': sessions})],
-        unused_session_lifetime_milliseconds=_UNUSED_MS,
-        check_unused_sessions_milliseconds=5000)
-    http = HTTPServer(guarded)
-    http.add_sockets(sockets)
-    server = BaseServer(IOLoop.current(), guarded, http)
-    server.start()
-    return server
-
-
-def _argument(document: Document, name: str) -> str:
-    """Return an argument in the URL of the page."""
-    context = document.session_context
-    arguments = context.request.arguments if context is not None and context.request else {}
-    return b''.join(arguments.get(name, [])).decode('ascii', 'replace')
+    shared: Mapping[str, Any] = {'sessions': sessions, 'token': token}
+    server = HTTPServer(Application(
+        [('/', _Start, shared), ('/shown', _Shown, shared), ('/act', _Act, shared),
+         ('/view', _View, shared), (r'/file/([\w.]+)', _File, shared),
+         ('/upload', UploadHandler, shared)], log_function=lambda handler: None))
+    server.add_sockets(sockets)
+    return server, sockets[0].getsockname()[1]
 
 
 @contextmanager

@@ -13,6 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 import secrets
 from tempfile import TemporaryDirectory
+import time
+from typing import Any
 
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Recording
@@ -35,7 +37,8 @@ class Session(State):
 
     A new stage replaces those after the current one. `error` is the reason why the work stopped;
     `try_again` continues it. `warning` is about the recordings or the last request, `save_error`
-    is the reason why the session is not saved.
+    is the reason why the session is not saved. `seen` is the time at which a browser asked for it
+    last, and `page` belongs to the server.
 
     :param place: folder of saved sessions; None to save none.
     """
@@ -53,7 +56,8 @@ class Session(State):
         self.error = self.done = self.warning = self.save_error = ''
         self.progress: Progress | None = None
         self.version = 0
-        self.page: object | None = None
+        self.seen = time.monotonic()
+        self.page: Any = None
         self._plan: tuple[Job, MotionPlan] | None = None
 
     @property
@@ -304,9 +308,13 @@ class Session(State):
             self.save_error = str(problem)
 
 
+# Time, in s, after which a session that no browser shows is closed; it remains saved.
+UNUSED = 60.0
+
+
 class Sessions:
     """
-    The open sessions. A session belongs to one page at a time, the most recent one.
+    The open sessions.
 
     :param start: initial state of a new session.
     :param place: folder of saved sessions; None to save none.
@@ -318,21 +326,12 @@ class Sessions:
         self.open: dict[str, Session] = {}
         self._temporary: TemporaryDirectory[str] | None = None
 
-    def attach(self, identity: str, page: object) -> Session:
-        """Return the session with this id for a page, or a new one if there is none."""
-        session = self.open.get(identity)
-        if session is None:
-            session = self._opened(identity)
-            self.open[session.id] = session
-        session.page = page
-        session.start()
+    def session(self, identity: str) -> Session:
+        """Return the session with this id, or a new one if there is none."""
+        session = self.open.get(identity) or self._opened(identity)
+        session.seen = time.monotonic()
+        self.open[session.id] = session
         return session
-
-    def detach(self, page: object) -> None:
-        """Detach a closed page; its running job continues."""
-        for session in self.open.values():
-            if session.page is page:
-                session.page = None
 
     def upload_folder(self, identity: str) -> Path:
         """Return the folder of the uploaded recordings of a session."""
@@ -343,12 +342,14 @@ class Sessions:
         return Path(self._temporary.name) / identity
 
     def poll(self) -> None:
-        """Process the events of all workers; a saved session without a page or a job is closed."""
+        """Process the events of all workers; close the sessions that no browser shows."""
         for session in list(self.open.values()):
             session.poll()
-            if session.page is None and session.worker.job is None:
+            is_saved = session.read is None or (
+                self.place is not None and bool(session.stages) and not session.save_error)
+            if session.worker.job is None and time.monotonic() - session.seen > UNUSED:
                 session.worker.rest()
-                if self.place is not None and session.stages and not session.save_error:
+                if is_saved:
                     del self.open[session.id]
 
     def earlier(self, own: str = '') -> list[store.Entry]:

@@ -5,7 +5,7 @@ import re
 import urllib.request
 
 from bench.shared.browser import EVIL_BAG, expect, INJECT, LIVELY
-from bench.shared.workbench_page import home, PATIENCE, served, VIEWS, workers
+from bench.shared.workbench_page import home, PATIENCE, served, view_of, VIEWS, workers
 from bench.shared.workbench_session import session_of, worked
 import pytest
 
@@ -39,12 +39,12 @@ def test_a_narrow_dark_page_fits_long_names_and_escapes_them(folder, watched):
         page.locator('#idle').wait_for()
         for name in VIEWS:
             page.get_by_role('button', name=name, exact=True).click()
-            page.locator('#views h2, #views p').first.wait_for()
+            view_of(page).locator('html[data-ready=yes] h2').first.wait_for()
             tab.wait_for_plots(VIEWS[name][1])
             width, out = page.evaluate(WIDE)
             assert width <= 400 and out == [], (name, width, out)
             assert all(wide < 400 for _, wide, _ in tab.plots()), name
-            assert page.evaluate(LIVELY) == [], name
+            assert page.evaluate(LIVELY) == tab.views.evaluate(LIVELY) == [], name
         assert page.evaluate('typeof MathJax') == 'undefined'
         tab.picture('workbench-narrow')
         assert tab.dialogs == [] and tab.complaints == [] and tab.requests == []
@@ -99,7 +99,7 @@ def test_a_recording_is_uploaded_to_the_page(folder, server, watched):
         assert len(tab.complaints) == 2 and all('415' in line for line in tab.complaints)
 
 
-def test_a_session_persists_and_is_open_in_one_window(folder, server, watched):
+def test_a_session_persists_and_is_open_in_several_windows(folder, server, watched):
     address = server[0]
     paths = (folder / 'run2.mcap', folder / 'run1.mcap')
     worked(session_of(*paths, place=folder / 'state' / 'gravity_comp' / 'workbench'), 'DIAGNOSE')
@@ -113,7 +113,7 @@ def test_a_session_persists_and_is_open_in_one_window(folder, server, watched):
         tab.page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
         other.open(name)
         other.page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
-        tab.page.locator('#taken').wait_for()
+        tab.page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
         other.page.locator('#earlier summary').click()
         other.page.locator('#earlier a').filter(has_text='run2.mcap, run1.mcap').click()
         other.page.get_by_role('button', name='Save the model').wait_for()

@@ -50,11 +50,13 @@ def find_arm(paths: Sequence[Path], joints: Sequence[str],
         return None
 
 
-def section(contents: Contents, table: Table) -> Section | None:
-    """Return the section; None without a robot description."""
+def section(contents: Contents, table: Table) -> Section:
+    """Return the section, a text without plots if there is no robot description."""
     arm = contents.arm
     if arm is None or not set(arm.joints) <= set(contents.joints):
-        return None
+        return Section('arm', 'The arm', markup.paragraph(
+            'No recording contains a /robot_description of these joints: name a file with --urdf '
+            'to show the arm.', 'quiet'))
     lead = markup.paragraph(
         'The colour of each joint shows its residual at the time of the slider; a line marks this '
         'time in the plots over time. Drag to rotate the view. Dots are tool positions.',

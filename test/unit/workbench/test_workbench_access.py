@@ -1,10 +1,10 @@
-"""Access to the server of the workbench: token, websocket, uploads, closing connections."""
+"""Access to the server of the workbench: token, requests, uploads."""
 
 import asyncio
 from dataclasses import replace
 import http.client
 import inspect
-import logging
+import json
 from pathlib import Path
 import re
 import threading
@@ -12,16 +12,12 @@ import urllib.parse
 
 from bench.shared.rough_links import two_links
 from bench.shared.workbench_session import InProcess, worked
-from bokeh.application import Application
-from bokeh.util.token import generate_jwt_token, generate_session_id
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.workbench import access, serve
 from gravity_comp_ros.workbench.page import facts_html
 from gravity_comp_ros.workbench.session import Sessions
 from gravity_comp_ros.workbench.store import State
 import pytest
-from tornado.httpclient import HTTPClientError, HTTPRequest
-from tornado.websocket import websocket_connect
 
 PATIENCE = 60.0  # s
 TOKEN = 'a-secret'
@@ -35,17 +31,16 @@ class Served:
         ready = threading.Event()
 
         async def run():
-            self.server = serve.make_server('127.0.0.1', 0, Application(), sessions, TOKEN)
+            server, port = serve.make_server('127.0.0.1', 0, sessions, TOKEN)
+            self.host = f'127.0.0.1:{port}'
             self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
             ready.set()
             await self._end.wait()
-            self.server.stop()
-            self.server._http.stop()
+            server.stop()
 
         self._thread = threading.Thread(target=asyncio.run, args=(run(),), daemon=True)
         self._thread.start()
         assert ready.wait(PATIENCE)
-        self.host = f'127.0.0.1:{self.server.port}'
 
     def call(self, function):
         """Run a function in the loop of the server and return its result."""
@@ -58,25 +53,6 @@ class Served:
         self.call(self._end.set)
         self._thread.join(PATIENCE)
         assert not self._thread.is_alive()
-
-    def token_of_page(self):
-        """Return the token for the websocket in a new page."""
-        return re.search(r'"token":"([^"]+)"', self.request(f'/?token={TOKEN}')[1])[1]
-
-    def opens(self, origin, token):
-        """Return whether a page of a site can open the websocket."""
-        async def connect():
-            request = HTTPRequest(f'ws://{self.host}/ws', headers={'Origin': origin})
-            connection = await websocket_connect(request, subprotocols=['bokeh', token])
-            # Bokeh closes a connection without a valid token after the handshake.
-            answer = await connection.read_message()
-            connection.close()
-            return answer is not None
-
-        try:
-            return self.call(connect)
-        except HTTPClientError:
-            return False
 
     def request(self, path, method='GET', body=None, **headers):
         """Return status and text of the answer to a request."""
@@ -94,30 +70,38 @@ def served(tmp_path):
     """Return a server with one session that has read a recording."""
     write_bag(tmp_path / 'run.mcap', [joint_states(two_links(1))])
     sessions = Sessions(State((tmp_path / 'run.mcap',)), tmp_path / 'state', InProcess)
-    worked(sessions.attach('', object()), until='LEARN')
+    worked(sessions.session(''), until='LEARN')
     running = Served(sessions)
     yield running
     running.close()
 
 
-def test_only_the_token_opens_the_page_and_only_a_page_the_websocket(served):
-    own = f'http://{served.host}'
-    for path in ('/', '/?token=', '/?token=a-secre', '/metadata', '/autoload.js', '/favicon.ico',
-                 '/ws/', '/upload'):
+def test_only_the_token_opens_the_page_and_only_a_page_changes_a_session(served):
+    (session,) = served.sessions.open.values()
+    own, rest = f'http://{served.host}', f'?token={TOKEN}&session={session.id}'
+    for path in ('/', '/?token=', '/?token=a-secre', '/shown', '/act', '/view', '/file/arm.json',
+                 '/upload'):
         status, text, headers = served.request(path)
         assert status == 403 and 'open the address' in text, path
-    status, text, headers = served.request(f'/?token={TOKEN}')
-    assert status == 200 and headers['X-Frame-Options'] == 'DENY'
+    status, text, headers = served.request(f'/{rest}')
+    assert status == 200 and headers['X-Frame-Options'] == 'SAMEORIGIN'
     assert headers['Referrer-Policy'] == 'no-referrer'
-    assert served.request('/static/js/bokeh.min.js')[0] == 200
-    assert served.request('/static/js/bokeh-mathjax.min.js')[0] == 404
-    assert served.request(f'/?token={TOKEN}', 'POST')[0] == 404
-    # A rebound host name is of no use without the token.
+    assert "script-src 'nonce-" in text
+    # Without a session a new one is opened; a host name is of no use without the token.
+    status, _, headers = served.request(f'/?token={TOKEN}')
+    assert status == 302 and 'session=' in headers['Location']
     assert served.request('/', Host='evil.example')[0] == 403
-    forged = generate_jwt_token(generate_session_id())
-    assert served.opens(own, served.token_of_page())
-    assert not served.opens(own, forged)
-    assert not served.opens('http://evil.example', served.token_of_page())
+    assert served.request(f'/shown?token={TOKEN}&session=other')[0] == 404
+    shown = json.loads(served.request(f'/shown{rest}')[1])
+    assert '<h1>' in shown['verdict'] and 'run.mcap' in shown['settings']
+    body = json.dumps({'what': 'cancel', 'value': '', 'form': []})
+    for headers in ({}, {'Origin': 'http://evil.example'}):
+        assert served.request(f'/act{rest}', 'POST', body, **headers)[0] == 403
+    for wrong in ('', '{}', body.replace('cancel', 'delete')):
+        assert served.request(f'/act{rest}', 'POST', wrong, Origin=own)[0] == 400
+    assert session.worker.job is not None
+    assert served.request(f'/act{rest}', 'POST', body, Origin=own)[0] == 200
+    assert session.worker.job is None and 'cancelled' in session.error
 
 
 def test_uploads_are_checked_and_limited(served, monkeypatch):
@@ -134,7 +118,7 @@ def test_uploads_are_checked_and_limited(served, monkeypatch):
             (place + 'a.mcap', {}, 403),
             (place + 'a.mcap', {'Origin': 'http://evil.example'}, 403),
             (place.replace(TOKEN, 'other') + 'a.mcap', own, 403),
-            (place.replace(session.id, 'f' * 16) + 'a.mcap', own, 409),
+            (place.replace(session.id, 'f' * 16) + 'a.mcap', own, 404),
             (place + 'a.sh', own, 415)):
         assert put(path, **headers)[0] == status, path
     for body in (b'no recording', b''):
@@ -185,43 +169,3 @@ def test_the_facts_of_an_upload_are_on_the_page_and_the_fit_refuses_it(served, t
     session.learn(replace(session.choice, runs=(0,)))
     worked(session, until='DIAGNOSE')
     assert not session.error and session.stage is not None
-
-
-@pytest.mark.parametrize('late', [False, True])
-def test_a_connection_that_closes_at_a_wrong_moment_logs_no_error(served, caplog, late):
-    page = served.token_of_page()
-    tornado = served.server._tornado
-
-    async def connect():
-        return await websocket_connect(f'ws://{served.host}/ws', subprotocols=['bokeh', page])
-
-    client = served.call(connect)
-    (connection,) = served.call(lambda: list(tornado._clients))
-    closed, socket = threading.Event(), connection._socket
-    on_close = socket.on_close
-
-    def closing():
-        try:
-            on_close()
-        finally:
-            closed.set()
-
-    async def arrive():
-        message = connection.protocol.create('PULL-DOC-REQ')
-        for fragment in (message.header_json, message.metadata_json, message.content_json):
-            await socket.on_message(fragment)
-
-    socket.on_close = closing
-    with caplog.at_level(logging.ERROR):
-        # Bokeh does this after a ping to a socket that is closing.
-        served.call(lambda: tornado.client_lost(connection))
-        if late:
-            served.call(arrive)
-        served.call(client.close)
-        assert closed.wait(PATIENCE)
-        served.call(lambda: None)
-    assert [record.getMessage() for record in caplog.records
-            if serve.is_of_an_open_page(record)] == []
-    assert served.call(lambda: list(tornado._clients)) == []
-    loggers = {record.name for record in caplog.records}
-    assert loggers <= set(serve.LOGGERS), loggers

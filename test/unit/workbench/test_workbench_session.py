@@ -26,7 +26,7 @@ from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import Job, Step, Worker
 from gravity_comp_ros.workbench.page import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
-from gravity_comp_ros.workbench.session import Sessions
+from gravity_comp_ros.workbench.session import Sessions, UNUSED
 from gravity_comp_ros.workbench.store import Choice, Stage, State
 from gravity_comp_ros.worker.worker_process import Done, Failed
 import numpy as np
@@ -267,7 +267,7 @@ def test_a_saved_session_is_restored(paths, tmp_path):
     assert (place.stat().st_mode & 0o077) == 0
     sessions = Sessions(State(()), place, InProcess)
     # As after a killed server: another one attaches the session by its id.
-    loaded = sessions.attach(session.id, object())
+    loaded = sessions.session(session.id)
     assert loaded.paths == session.paths and loaded.choice == session.choice
     assert [s.name for s in loaded.stages] == ['gravity', '+ ' + ', '.join(BOTH)]
     worked(loaded, until='DIAGNOSE')
@@ -278,7 +278,7 @@ def test_a_saved_session_is_restored(paths, tmp_path):
     saved, = sessions.earlier()
     assert saved.recordings == ('run1.mcap', 'run2.mcap')
     assert saved.stages[-1] == '+ ' + ', '.join(BOTH)
-    again = Sessions(State(()), place, InProcess).attach(session.id, object())
+    again = Sessions(State(()), place, InProcess).session(session.id)
     again.hashes = dict.fromkeys(again.hashes, 'f' * 64)
     worked(again, until='DIAGNOSE')
     assert 'run1.mcap, run2.mcap changed since this session was saved' in again.warning
@@ -335,7 +335,7 @@ def test_a_damaged_session_is_refused_in_one_line(paths, tmp_path):
         path.write_text(json.dumps(document))
         with pytest.raises(GravityCompError):
             store.load(tmp_path, session.id)
-    opened = Sessions(State(()), tmp_path, InProcess).attach(session.id, object())
+    opened = Sessions(State(()), tmp_path, InProcess).session(session.id)
     assert opened.id != session.id and 'damaged' in opened.warning
     path.write_text(whole[:1000])
     assert store.listed(tmp_path) == []
@@ -344,20 +344,25 @@ def test_a_damaged_session_is_refused_in_one_line(paths, tmp_path):
             store.load(tmp_path, text)
 
 
-def test_a_session_has_one_page_and_is_closed_without_one(paths, tmp_path):
-    sessions, pages = Sessions(State(paths), tmp_path, InProcess), [object() for _ in range(3)]
-    first, second = (sessions.attach('', page) for page in pages[:2])
-    assert sessions.attach(first.id, pages[2]) is first and first.page is pages[2]
-    sessions.detach(pages[0])
-    assert first.page is pages[2]
-    # A session without a page goes on with its job.
-    sessions.detach(pages[1])
+def test_a_session_that_no_browser_shows_is_closed_when_it_is_saved(paths, tmp_path):
+    sessions = Sessions(State(paths), tmp_path, InProcess)
+    first, second = (sessions.session('') for _ in range(2))
+    assert sessions.session(first.id) is first
+    second.start()
+    first.seen = second.seen = second.seen - UNUSED
     sessions.poll()
-    assert second.id in sessions.open and second.worker.done
+    # A running job goes on.
+    assert second.id in sessions.open and first.id not in sessions.open
     worked(second)
     sessions.poll()
-    assert second.id not in sessions.open and first.id in sessions.open
-    assert sessions.attach(second.id, pages[1]).stages
+    assert not sessions.open and sessions.session(second.id).stages
+    # One that is saved nowhere stays.
+    third = worked(Sessions(State(paths), None, InProcess).session(''), until='DIAGNOSE')
+    forgetful = Sessions(State(paths), None, InProcess)
+    forgetful.open[third.id], third.worker.job = third, None
+    third.seen -= UNUSED
+    forgetful.poll()
+    assert third.id in forgetful.open
 
 
 def until(worker, kind):
