@@ -179,8 +179,8 @@ class Table:
         return column
 
     def add(self, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Add columns in one update, because each update sends the whole table to the page."""
-        self.source.data = {**self.source.data, **columns}
+        """Add columns."""
+        self.source.data.update(columns)
 
 
 def _plot_time(samples: JointSamples) -> tuple[FloatArray, list[tuple[float, str]]]:

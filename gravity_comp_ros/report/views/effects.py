@@ -11,7 +11,6 @@ determined by a few points, is evidence against the effect.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from bokeh.layouts import column, gridplot
 from bokeh.models import Label, Slope, UIElement
@@ -32,57 +31,30 @@ from gravity_comp_ros.report.contents import Contents, REPORT, Table
 from gravity_comp_ros.report.section import Section, tiles
 from gravity_comp_ros.report.style import (
     AFTER, bar_key, bar_plot, Bars, BEFORE, MARKED, plot, PREDICTED, RESIDUAL, short, TEXT)
+from gravity_comp_ros.report.views import residuals
 import numpy as np
 
 
-@dataclass(frozen=True)
-class AddedVariable:
+def added_variable(motion: Motion, model: GravityModel, finding: Finding, others: list[Finding],
+                   rows: IntArray) -> tuple[str, FloatArray, FloatArray] | None:
     """
-    Added-variable plot of a finding, for R samples: `x` and `y` (R,) in N·m.
+    Return the joint of the torque, x (R,) and y (R,) in N·m of an added-variable plot.
 
-    `joint` is the joint of the torque. For an unexplained residual x is the joint angle in rad
-    and `is_angle` is set.
-    """
-
-    finding: Finding
-    joint: str
-    x: FloatArray
-    y: FloatArray
-    is_angle: bool = False
-
-    @property
-    def share(self) -> float:
-        """Return the share of the variance of y that the line explains, 0 to 1."""
-        total = float((self.y ** 2).sum())
-        return 1.0 - float(((self.y - self.x) ** 2).sum()) / total if total > 0.0 else 0.0
-
-
-def added_variable(motion: Motion, model: GravityModel, finding: Finding,
-                   others: list[Finding], rows: IntArray) -> AddedVariable | None:
-    """
-    Return the added-variable plot of a finding; None if this motion gives no columns.
+    It is None if this motion gives no columns.
 
     :param motion: motion of all samples, as recorded.
     :param others: other findings, whose columns are part of Z.
     :param rows: indices of the samples to plot (R,).
     """
-    if finding.joint is not None and finding.joint not in model.joints:
-        return None
-    if finding.effect is None:
-        joint = model.joints.index(finding.joint) if finding.joint else 0
-        residual = _project(motion, model, joint, others, rows)[1]
-        return AddedVariable(finding, model.joints[joint], motion.samples.q[rows, joint], residual,
-                             True)
     plots = []
     for joint, name in enumerate(model.joints):
         columns = _columns(motion, model, finding, joint)
         if columns is not None:
             basis, residual = _project(motion, model, joint, others, rows)
             free = columns[rows] - basis @ (basis.T @ columns[rows])
-            x = free @ lstsq(free, residual, rcond=1e-8)
-            plots.append(AddedVariable(finding, name, x, residual))
+            plots.append((name, free @ lstsq(free, residual, rcond=1e-8), residual))
     # An effect of the whole arm is shown on the joint where it explains most.
-    return max(plots, key=lambda each: float(each.x @ each.x), default=None)
+    return max(plots, key=lambda each: float(each[1] @ each[1]), default=None)
 
 
 def _project(motion: Motion, model: GravityModel, joint: int, others: list[Finding],
@@ -200,38 +172,42 @@ def summaries(diagnosis: Diagnosis) -> str:
 
 
 def added(contents: Contents, table: Table, numbers: Sequence[int]) -> list[figure]:
-    """Return the added-variable plots of findings by number, of those that have columns."""
+    """
+    Return the added-variable plots of findings by number, of those that have columns.
+
+    An unexplained residual of a joint is shown against its position.
+    """
     findings = contents.diagnosis.findings if contents.diagnosis else ()
-    motion, variables = motion_of(contents.model, contents.samples), {}
+    motion, joints, plots = motion_of(contents.model, contents.samples), contents.joints, []
     for k in numbers:
-        others = [f for f in findings if f is not findings[k] and f.is_missing]
-        variable = added_variable(motion, contents.model, findings[k], others, table.drawn)
+        finding = findings[k]
+        others = [f for f in findings if f is not finding and f.is_missing]
+        variable = added_variable(motion, contents.model, finding, others, table.drawn)
         if variable is not None:
-            variables[k] = variable
-    table.add({f'a{axis}{k}': table.spread(getattr(variable, axis))
-               for k, variable in variables.items() for axis in 'xy'})
-    return [_plot(variable, table, k) for k, variable in variables.items()]
+            joint, x, y = variable
+            plots.append(_plot(f'{k + 1}  {finding.effect} · {joint}', x, y, table, k))
+        elif finding.effect is None and finding.joint in joints:
+            plots.append(residuals.against(
+                contents, table, contents.model.joints.index(finding.joint), 'q'))
+    return plots
 
 
-def _plot(variable: AddedVariable, table: Table, k: int) -> figure:
-    x = 'angle, rad' if variable.is_angle else 'explained by the effect, N·m'
-    fig = plot(f'{k + 1}  {variable.finding.effect or _UNKNOWN} · {variable.joint}', x,
-               'measured, N·m', 250,
+def _plot(title: str, x: FloatArray, y: FloatArray, table: Table, k: int) -> figure:
+    total = float((y ** 2).sum())
+    share = max(1.0 - float(((y - x) ** 2).sum()) / total, 0.0) if total > 0.0 else 0.0
+    table.add({f'ax{k}': table.spread(x), f'ay{k}': table.spread(y)})
+    fig = plot(title, 'explained by the effect, N·m', 'measured, N·m', 250,
                tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,hover,reset,save')
     fig.scatter(f'ax{k}', f'ay{k}', source=table.source, size=3, line_color=None,
                 fill_color=RESIDUAL, fill_alpha=0.4, selection_fill_color=MARKED,
                 selection_fill_alpha=0.95, nonselection_fill_alpha=0.12,
                 nonselection_line_color=None, selection_line_color=None)
     fig.xaxis.ticker.desired_num_ticks = 4
-    fig.hover.tooltips = [(x.split(',')[0], f'@ax{k}{{0.000}}'),
-                          ('measured', f'@ay{k}{{0.000}}'),
+    fig.hover.tooltips = [('explained', f'@ax{k}{{0.000}}'), ('measured', f'@ay{k}{{0.000}}'),
                           ('time', '@t{0.00} s')]
-    if not variable.is_angle:
-        fig.add_layout(Slope(gradient=1.0, y_intercept=0.0, line_color=PREDICTED,
-                             line_width=2))
-        fig.add_layout(Label(x=6, y=4, x_units='screen', y_units='screen',
-                             text=f'explains {100 * max(variable.share, 0.0):.0f} %',
-                             text_color=TEXT, text_font_size='12px',
-                             background_fill_color='white',
-                             background_fill_alpha=0.8))
+    fig.add_layout(Slope(gradient=1.0, y_intercept=0.0, line_color=PREDICTED, line_width=2))
+    fig.add_layout(Label(x=6, y=4, x_units='screen', y_units='screen',
+                         text=f'explains {100 * share:.0f} %', text_color=TEXT,
+                         text_font_size='12px', background_fill_color='white',
+                         background_fill_alpha=0.8))
     return fig
