@@ -233,13 +233,7 @@ def add_urdf(parser: argparse._ActionsContainer, use: str, or_none: bool = False
 
 
 def arm_options(args: argparse.Namespace, formulation: str | None = None) -> ArmOptions:
-    """
-    Return the robot description to use, and whether --joints gives the order of the joints.
-
-    :raises OptionError: if --fixed is given without a description.
-    """
-    if args.fixed and args.urdf == NO_DESCRIPTION:
-        raise OptionError('--fixed requires a robot description, but --urdf is none')
+    """Return the robot description to use, and whether --joints gives the order of the joints."""
     return ArmOptions(formulation, args.urdf, args.fixed, args.joints is not None)
 
 

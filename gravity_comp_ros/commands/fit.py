@@ -26,11 +26,11 @@ from pathlib import Path
 import time
 
 from gravity_comp_ros.api.axes import known_arm
-from gravity_comp_ros.api.recording import Holdout, Recording
+from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, learn, Learned, with_enough_motion
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
-from gravity_comp_ros.display import percent, shortened
+from gravity_comp_ros.display import shortened
 from gravity_comp_ros.estimation.estimate import CHOICES
 from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.fit_report import fitted_sentence
@@ -107,9 +107,7 @@ def _lines(args: argparse.Namespace, learned: Learned, held_out: Comparison | No
     saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'
     return [
         *reading.lines(fitted, thinned=False), *arm.notes, f'joint order: {arm.order.source}',
-        *([_holdout_sentence(fitted, fitted.holdout, result.report.n_samples)]
-          if fitted.holdout else []),
-        '', _joint_table(result, held_out), _solver_sentence(result),
+        '', _joint_table(result), _solver_sentence(result), *_holdout_lines(fitted, held_out),
         *([f'{effects} (`gravity_comp diagnose` identifies them)'] if effects else []),
         'RMSE is the error of the prediction; the remaining error is that with all fitted terms',
         f'{report.formulation} was chosen: {report.why}', '',
@@ -135,32 +133,26 @@ def _next_step(args: argparse.Namespace) -> list[terminal.Line]:
                            'of this arm (`compare` requires other recordings)', diagnose)
 
 
-def _holdout_sentence(fitted: Recording, holdout: Holdout, n_fitted: int) -> str:
-    if fitted.n_runs > 1:
-        what = ', '.join(fitted.reports[block.run].path.name for block in holdout.blocks)
-    else:
-        what = ' and '.join(f'{b.start:.1f} to {b.end:.1f} s' for b in holdout.blocks)
-    return (f'held out: {what} ({holdout.n_samples} samples); '
-            f'{n_fitted} are fitted')
+def _holdout_lines(fitted: Recording, held_out: Comparison | None) -> list[terminal.Line]:
+    """Return the blocks that are held out, and the error on them."""
+    if fitted.holdout is None or held_out is None:
+        return []
+    blocks = ', '.join(f'{block.start:.1f} to {block.end:.1f} s of '
+                       f'{fitted.reports[block.run].path.name}' for block in fitted.holdout.blocks)
+    errors = held_out.table()
+    return ['', terminal.table(f'error on held-out data, {blocks}', errors.columns, errors.rows)]
 
 
-def _joint_table(result: FitResult, held_out: Comparison | None) -> Table:
+def _joint_table(result: FitResult) -> Table:
     model, report = result.model, result.report
-    columns = ['joint', 'terms', 'range rad', 'RMSE N·m', 'remaining N·m']
-    if held_out is not None:
-        columns += ['held-out RMSE', 'held-out nRMSE']
-    rows = []
-    for n, joint in enumerate(model.joints):
-        low, high = model.coverage.q_min[n], model.coverage.q_max[n]
-        row = [joint, str(model.n_features()[n]), f'{low:.2f} … {high:.2f}',
-               f'{report.rmse[joint]:.4f}', f'{report.noise[joint]:.4f}']
-        if held_out is not None:
-            error = held_out.joints[joint]
-            row += [f'{error.rmse:.4f}', percent(error.nrmse)]
-        rows.append(row)
+    rows = [(joint, str(model.n_features()[n]),
+             f'{model.coverage.q_min[n]:.2f} … {model.coverage.q_max[n]:.2f}',
+             f'{report.rmse[joint]:.4f}', f'{report.noise[joint]:.4f}')
+            for n, joint in enumerate(model.joints)]
     return terminal.table(
         f'gravity model, {model.formulation}: {model.coverage.n_samples} samples of '
-        f'{counted(model.coverage.n_runs, "run")}', columns, rows)
+        f'{counted(model.coverage.n_runs, "run")}',
+        ('joint', 'terms', 'range rad', 'RMSE N·m', 'remaining N·m'), rows)
 
 
 def _solver_sentence(result: FitResult) -> str:

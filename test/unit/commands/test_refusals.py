@@ -104,7 +104,7 @@ REFUSALS = [
      'potential does not use a robot description'),
     (1, 'fit good.mcap --urdf arm.urdf --fixed hip=1', 'has no joint hip'),
     (1, 'fit good.mcap --urdf arm.urdf --fixed elbow=1', 'part of the arm'),
-    (1, 'fit good.mcap --urdf none --fixed waist=1', '--urdf is none'),
+    (1, 'fit good.mcap --urdf none --fixed waist=1', 'none is to be used'),
     (2, 'compare good.mcap --model m.json --html good.mcap', 'does not end in .html'),
     (1, 'compare good.mcap --model arm.json --max-speed 1e-6', 'pass --all-samples'),
     (1, 'compare other.mcap --model arm.json', 'no joint shoulder'),
