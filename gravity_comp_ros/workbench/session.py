@@ -20,7 +20,7 @@ from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import Learned, with_enough_motion
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
+from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import MotionPlan
@@ -94,7 +94,7 @@ class Session(State):
 
     def next_job(self) -> Job | None:
         """Return the next job: read the recordings, fit a model, or diagnose it."""
-        if self.given and not self.choice.joints:
+        if self.given and not self.stages:
             self.choice = replace(self.choice, joints=self.given[0].model.joints)
         if not self.is_read:
             return self._job(Step.READ)
@@ -206,19 +206,9 @@ class Session(State):
             self._save()
 
     def _accept_recordings(self, read: ReadResult) -> None:
-        """
-        Set the recordings; new ones are selected.
-
-        :raises ModelMismatchError: if a given model is of another robot.
-        """
+        """Set the recordings; new ones are selected."""
         names, n_runs = read.samples.names, read.samples.n_runs
         is_first = self.read is None and not self.stages
-        if self.given and is_first:
-            missing = set(self.given[0].model.joints) - set(names)
-            if missing:
-                raise ModelMismatchError(
-                    f'the model {self.given[0].name} is of another robot: the recordings have the '
-                    f'joints {", ".join(names)}, without {", ".join(sorted(missing))}')
         n_before = len(self.read.reports) if self.read else n_runs
         runs = (*self.choice.runs, *range(n_before, n_runs)) if self.choice.runs else tuple(
             range(n_runs))
