@@ -118,14 +118,20 @@ def _overview(argv: list[str]) -> int:
 
 def _run_verb(verb: str, argv: list[str]) -> int:
     # Numerical modules are imported only now, when the number of threads is set.
-    from gravity_comp_ros.commands.arguments import verb_parser
+    from gravity_comp_ros.commands.arguments import message_of, verb_parser
+    from gravity_comp_ros.commands.html import write_error
     from gravity_comp_ros.commands.outputs import check_outputs
     parser = verb_parser(verb)
     parser.set_defaults(command=shlex.join([PROGRAM, verb, *argv]), parser=parser)
     # Options may appear between positional arguments.
     args = parser.parse_intermixed_args(argv)
     check_outputs(args)
-    answer = importlib.import_module(f'gravity_comp_ros.commands.{verb}').run(args)
+    try:
+        answer = importlib.import_module(f'gravity_comp_ros.commands.{verb}').run(args)
+    except GravityCompError as problem:
+        if getattr(args, 'html', None) is not None:
+            write_error(args.html, message_of(problem))
+        raise
     return answer if isinstance(answer, int) else int(answer.give(args.json))
 
 

@@ -37,7 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
 
 
-@html.with_error_page
 def run(args: argparse.Namespace) -> terminal.Answer:
     """Check the description, and show its faults."""
     with terminal.progress() as report:

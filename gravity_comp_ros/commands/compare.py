@@ -11,12 +11,10 @@ which recordings: recordings that were not fitted, with the payload of the model
 recordings are too small. For a held-out error use `fit --holdout`, then --holdout here.
 
 RMSE, std and max are of the residual, measured minus predicted torque. nRMSE is RMSE over the
-range of the measured torque (Yu 2022, Eq. 16); it is meaningless for joints without gravity load.
-"in band" is the share of residuals inside the 95 % prediction band within the trained range;
-"outside" is the same share for poses outside the trained range. A share near 95 % confirms the
-band. A share far below 95 % indicates a changed payload or a missing effect. A share of 100 %
-means that the band is too wide, often where few samples were trained. "training" is the RMSE of
-the fit, "constant" that of a constant torque.
+range of the measured torque (Yu 2022, Eq. 16). "in band" and "outside" are the shares of residuals
+inside the 95 % prediction band, within the trained range and outside of it: a share far below 95 %
+indicates a changed payload or a missing effect. "training" is the RMSE of the fit, "constant" that
+of a constant torque.
 """
 
 from __future__ import annotations
@@ -62,7 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_page(parser)
 
 
-@html.with_error_page
 def run(args: argparse.Namespace) -> terminal.Answer:
     """Read, predict, compare and show."""
     html.check_libraries(args)

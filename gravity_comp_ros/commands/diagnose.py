@@ -10,16 +10,8 @@ For example:
 which recordings: the fitted recordings and any others of the same arm with the same payload, slow
 or fast. More runs resolve more findings; errors are always held-out errors.
 
-verdicts:
-  established   strong evidence without an alternative, and a smaller held-out error: add it
-  likely        the same with less evidence: add it
-  ambiguous     another effect explains the data equally well; both are listed, with the motion
-                that distinguishes them. Add both: their sum is predicted, not their split
-  weak          hardly reduces the held-out error, or its size is not physical or not different
-                from 0: do not add
-  untestable    not identifiable with this motion: do not add
-  unexplained   a repeating residual that no known effect describes
-The effects were selected jointly: add all of them with the printed command.
+The effects were selected jointly: add all that the printed command names. An ambiguous effect is
+added with its alternatives: their sum is predicted, not their split. Verdicts: docs/diagnosis.md.
 
 All samples are used, including fast ones, because inertia is one of the effects. Errors are
 held-out errors relative to the range of the measured torque (Yu 2022, Eq. 16).
@@ -75,7 +67,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_page(parser)
 
 
-@html.with_error_page
 def run(args: argparse.Namespace) -> Answer:
     """Read, diagnose and show."""
     html.check_libraries(args)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
-from functools import wraps
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.atomic import write_atomically
-from gravity_comp_ros.commands.arguments import message_of
-from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
@@ -22,22 +20,11 @@ from gravity_comp_ros.report.markup import html_page, text
 if TYPE_CHECKING:
     from gravity_comp_ros.description_check.sentences import Finding
 
-Run = Callable[[argparse.Namespace], Answer]
 
-
-def with_error_page(verb: Run) -> Run:
-    """Return a verb that with --html writes a page with the error if it fails."""
-    @wraps(verb)
-    def run(args: argparse.Namespace) -> Answer:
-        try:
-            return verb(args)
-        except GravityCompError as problem:
-            if args.html is not None:
-                page = html_page(f'gravity_comp: {args.html.stem}',
-                                 f'<h1 id="verdict">{text(message_of(problem))}</h1>')
-                write_atomically(args.html, page.encode(), error=GravityCompError)
-            raise
-    return run
+def write_error(path: Path, message: str) -> None:
+    """Write a page with the error of a verb, atomically."""
+    page = html_page(f'gravity_comp: {path.stem}', f'<h1 id="verdict">{text(message)}</h1>')
+    write_atomically(path, page.encode(), error=GravityCompError)
 
 
 def write_check(args: argparse.Namespace, source: str, faults: Sequence[Finding],
