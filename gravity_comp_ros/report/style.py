@@ -20,7 +20,7 @@ BLUE, VERMILION, PURPLE = '#0072b2', '#d55e00', '#b0588a'
 TEXT, FAINT, GRID = '#1b1f24', '#59636e', '#e3e6ea'
 MEASURED, PREDICTED, RESIDUAL, MARKED = TEXT, VERMILION, BLUE, '#c4007a'
 UP, DOWN, STILL = BLUE, VERMILION, '#8a8f98'
-BEFORE, AFTER = '#a9b0b9', BLUE
+AFTER = BLUE
 # From small to large values, the largest with the highest contrast.
 HEAT = list(Cividis256[::-1])
 
@@ -101,18 +101,11 @@ class Bars:
     colour: str
 
 
-def bar_plot(unit: str, groups: Sequence[str], bars: Sequence[Bars], digits: str,
-             max_name: int = 18) -> figure:
-    """
-    Return a plot with a group of bars for each name, the first group on top; see `bar_key`.
-
-    :param unit: quantity and unit of the values, separated by a comma.
-    :param digits: number format of the values.
-    :param max_name: maximum length of a shown name.
-    """
+def bar_plot(groups: Sequence[str], bars: Sequence[Bars]) -> figure:
+    """Return a plot of errors in N·m with a group of bars for each name; see `bar_key`."""
     count, step = len(groups), min(_FILLED / len(bars), _MAX_THICKNESS)
     # Groups are placed by number, because printable names may be identical.
-    fig = plot('', unit, '', _AXIS + _GROUP * count, 'hover', y_range=(count - 0.45, -0.55))
+    fig = plot('', 'RMSE, N·m', '', _AXIS + _GROUP * count, 'hover', y_range=(count - 0.45, -0.55))
     names = [label(name, 80) for name in groups]
     for place, series in enumerate(bars):
         shift = (place - 0.5 * (len(bars) - 1)) * step
@@ -122,11 +115,10 @@ def bar_plot(unit: str, groups: Sequence[str], bars: Sequence[Bars], digits: str
         fig.hbar('y', right='right', height=0.9 * step, source=source, color=series.colour)
     fig.yaxis.ticker = FixedTicker(ticks=list(range(count)))
     fig.yaxis.major_label_overrides = {
-        k: label(name, max_name) for k, name in enumerate(groups)}
+        k: label(name) for k, name in enumerate(groups)}
     fig.ygrid.visible = False
     fig.x_range.start = 0.0
-    fig.hover.tooltips = [('', '@name'), ('', '@what'),
-                          (unit.split(',')[0], f'@right{{{digits}}}')]
+    fig.hover.tooltips = [('', '@name'), ('', '@what'), ('RMSE', '@right{0.0000}')]
     fig.toolbar_location = None
     return fig
 

@@ -1,5 +1,5 @@
 """
-Findings of the diagnosis: table, errors without and with them, added-variable plots.
+Findings of the diagnosis: table and added-variable plots.
 
 An added-variable plot shows the part of the torque that an effect explains in addition to gravity.
 X are the regressor columns of the effect, Z those of gravity and all other effects of the joint.
@@ -12,8 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bokeh.layouts import column, gridplot
-from bokeh.models import Label, Slope, UIElement
+from bokeh.models import Label, Slope
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis import wording
@@ -29,8 +28,7 @@ from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT, Table
 from gravity_comp_ros.report.section import Section, tiles
-from gravity_comp_ros.report.style import (
-    AFTER, bar_key, bar_plot, Bars, BEFORE, MARKED, plot, PREDICTED, RESIDUAL, short, TEXT)
+from gravity_comp_ros.report.style import MARKED, plot, PREDICTED, RESIDUAL, TEXT
 from gravity_comp_ros.report.views import residuals
 import numpy as np
 
@@ -89,7 +87,6 @@ def _columns(motion: Motion, model: GravityModel, of: Finding | AppliedEffect,
     return columns[:, joint] if columns.ndim == 3 else columns
 
 
-_MAX_BARS, _MAX_NAME = 15, 48
 # Name of a finding that no effect describes.
 _UNKNOWN = 'unexplained'
 
@@ -109,26 +106,16 @@ def section(contents: Contents, table: Table) -> Section:
     lead = markup.paragraph(
         'Findings are ranked by evidence. Errors are held-out errors, each with the effects above '
         'it, relative to the range of the measured torque.', 'quiet')
-    strongest = findings[:_MAX_BARS]
-    bars = [Bars('without it', [100.0 * f.nrmse_before for f in strongest], BEFORE),
-            Bars('with it', [100.0 * f.nrmse_after for f in strongest], AFTER)]
-    names = [f'{k + 1}  {f.effect or _UNKNOWN} · {short(f.joint or "whole arm")}'
-             for k, f in enumerate(strongest)]
-    lead += findings_table(findings) + bar_key(bars)
-    # A separate grid, because Bokeh lays out a plot next to a grid incorrectly.
-    parts: list[UIElement] = [gridplot(
-        [[bar_plot('held-out error, % of the range of the torque', names, bars, '0.00',
-                   _MAX_NAME)]], sizing_mode='stretch_width', toolbar_location=None)]
+    lead += findings_table(findings)
     plots = added(contents, table, range(min(len(findings), REPORT.max_plots)))
     explanation = ''
     if plots:
-        parts.append(tiles(plots, 300))
         explanation = markup.paragraph(
-            'The small plots are added-variable plots: on the x axis the torque that the effect '
+            'The plots are added-variable plots: on the x axis the torque that the effect '
             'explains in addition to gravity and the other effects, on the y axis the measured '
             'torque without them. Points along the line confirm the effect; a curved pattern, or '
             'a line determined by few points, is evidence against it.', 'quiet')
-    return Section('effects', title, lead, column(*parts, sizing_mode='stretch_width'),
+    return Section('effects', title, lead, tiles(plots, 300) if plots else None,
                    explanation + details(findings) + summaries(diagnosis))
 
 

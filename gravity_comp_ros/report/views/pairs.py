@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations, combinations_with_replacement
+from itertools import combinations_with_replacement
 from typing import Any
 
 from bokeh.models import (
@@ -87,8 +87,7 @@ def section(contents: Contents, selector: Select) -> Section:
         'Each block is a pair of joints, each cell a part of their ranges; the diagonal shows '
         'single joints. Cells without colour were not visited: the model extrapolates there.',
         'quiet')
-    return Section('pairs', 'Pairs of joints', lead, tiles([fig], 300),
-                   _coverage(visited, names))
+    return Section('pairs', 'Pairs of joints', lead, tiles([fig], 300))
 
 
 def _rectangles(cells: dict[str, NDArray[Any]], edges: FloatArray) -> dict[str, NDArray[Any]]:
@@ -135,14 +134,3 @@ def _matrix(title: str, names: tuple[str, ...], cells: ColumnDataSource,
         fig.xaxis.major_label_orientation = 0.8
     fig.add_layout(ColorBar(color_mapper=colours, width=12, padding=6), 'right')
     return fig
-
-
-def _coverage(cells: dict[str, NDArray[Any]], names: tuple[str, ...]) -> str:
-    pairs = [(int(((cells['i'] == i) & (cells['j'] == j)).sum()), i, j)
-             for i, j in combinations(range(len(names)), 2)]
-    if not pairs:
-        return ''
-    count, i, j = min(pairs)
-    return markup.paragraph(
-        f'The pair with the lowest coverage is {names[i]} with {names[j]}: '
-        f'{100 * count / _CELLS ** 2:.0f} % of the cells within their ranges were visited.')

@@ -120,7 +120,7 @@ def section(contents: Contents, table: Table) -> Section:
     """Return bars for every joint, the evidence plot, and the next command."""
     bars = error_bars(contents)
     finding = main_finding(contents)
-    errors = bar_plot('RMSE, N·m', contents.joints, bars, '0.0000')
+    errors = bar_plot(contents.joints, bars)
     errors.styles = {'flex': '1 1 300px', 'width': 'auto'}
     evidence = _evidence(contents, table, finding)
     evidence.height = max(280, min(errors.height, 420))
