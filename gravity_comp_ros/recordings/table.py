@@ -2,37 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
+from gravity_comp_ros.recordings.table_columns import (
+    choose_columns, Columns, known_layout, merged_rows, NAMED_UNITS, NONE)
 from gravity_comp_ros.recordings.table_files import (
     is_parquet, read_csv, read_parquet, Table)
-from gravity_comp_ros.recordings.table_layouts import (
-    Columns, find_columns, has_columns, JOINED_TIME, known_layout, merged_rows, named_columns,
-    ROSTOPIC_TIME)
 from gravity_comp_ros.recordings.table_units import (
     check_angles, check_seconds, check_velocity, decoded)
 from gravity_comp_ros.recordings.units import (
     check_effort_unit, CURRENT_UNITS, EFFORT_UNITS, is_ticks, radians_per_unit, TIME_UNITS)
 import numpy as np
 
-NONE = 'none'
 NO_VELOCITY = 'no velocity in the table; it will be differentiated from the position'
-
-# Default column patterns, in order of precedence.
-_TIMES = ('t', 'time', 'timestamp', 'stamp')
-# Units of columns of time whose names have one.
-_NAMED_UNITS = {ROSTOPIC_TIME: 'ns', **{f'{name}_{unit}': unit for name in _TIMES
-                                        for unit in TIME_UNITS}}
-TIME_COLUMNS = (*_TIMES, JOINED_TIME, *_NAMED_UNITS)
-POSITION_COLUMNS = ('q_{i}', 'q{i}', 'position_{i}', 'position{i}', 'pos_{i}', 'pos{i}')
-VELOCITY_COLUMNS = ('qd_{i}', 'qd{i}', 'dq_{i}', 'dq{i}', 'velocity_{i}', 'velocity{i}',
-                    'vel_{i}', 'vel{i}')
-EFFORT_COLUMNS = ('tau_{i}', 'tau{i}', 'effort_{i}', 'effort{i}', 'torque_{i}', 'torque{i}')
 
 
 @dataclass(frozen=True)
@@ -40,8 +27,8 @@ class TableOptions:
     """
     Meaning of the columns of a table.
 
-    - `time`, `position`, `velocity`, `effort`: columns, see `find_columns`; None searches for
-      default names. `velocity` 'none' ignores velocities.
+    - `time`, `position`, `velocity`, `effort`: columns, see `table_columns.find_columns`; None
+      searches for known names. `velocity` 'none' ignores velocities.
     - `rate`: sample rate in Hz, required without a time column; `time` 'none' ignores the column.
     - `time_unit`, `position_unit`: None assumes s and rad, and refuses implausible values.
       Counts of encoders (`ticks=N`) may be registers with a sign bit.
@@ -124,7 +111,14 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     else:
         table = read_csv(path, options.header, options.delimiter, options.skip_bad_rows)
     table = known_layout(table)
-    columns = _chosen_columns(table, options)
+    columns = choose_columns(table, options.position, options.velocity, options.effort,
+                             options.time)
+    if options.rate is not None and columns.time is not None:
+        raise OptionError(f'{path} has a column of time, {table.columns[columns.time]}: omit '
+                          f'--rate, or ignore the column with --time {NONE}')
+    if options.rate is None and columns.time is None:
+        raise BagError(f'{path} has no column of time; name it (--time), or give a fixed '
+                       f'rate (--rate)')
     rows_read = len(table.values)
     if columns.time is not None:
         table = merged_rows(table, columns.time, columns.used)
@@ -155,7 +149,7 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
         # Skipped rows do not shift the time of later rows.
         t: FloatArray = np.flatnonzero(keep) / float(options.rate or 1.0)
     else:
-        named_unit = _NAMED_UNITS.get(table.columns[columns.time].lower())
+        named_unit = NAMED_UNITS.get(table.columns[columns.time].lower())
         t = rows[:, columns.time] * TIME_UNITS[options.time_unit or named_unit or 's']
     if options.position_unit is None:
         check_angles(path, names, t, q)
@@ -169,61 +163,9 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
                      int(keep.size - keep.sum()), tuple(notes))
 
 
-def _chosen_columns(table: Table, options: TableOptions) -> Columns:
-    where = str(table.path)
-    columns = None
-    if options.position is None and options.effort is None and not any(
-            has_columns(_lower(table), pattern) for pattern in POSITION_COLUMNS):
-        columns = named_columns(table.columns, where)
-    if columns is None:
-        columns = Columns(_find(table, options.position, POSITION_COLUMNS, 'position'), [],
-                          _find(table, options.effort, EFFORT_COLUMNS, 'effort'))
-    velocity = [] if options.velocity == NONE else columns.velocity
-    if options.velocity != NONE and (columns.joints is None or options.velocity is not None):
-        velocity = _find(table, options.velocity, VELOCITY_COLUMNS, 'velocity', optional=True)
-    for what, indices in (('velocity', velocity), ('effort', columns.effort)):
-        if indices and len(indices) != len(columns.position):
-            raise BagError(f'{where}: {len(columns.position)} columns of position but '
-                           f'{len(indices)} of {what}')
-    time = [] if options.time == NONE else _find(table, options.time, TIME_COLUMNS, 'time',
-                                                 optional=True)
-    if options.rate is not None and time:
-        raise OptionError(f'{where} has a column of time, {table.columns[time[0]]}: omit '
-                          f'--rate, or ignore the column with --time {NONE}')
-    if options.rate is None and not time:
-        raise BagError(f'{where} has no column of time; name it (--time), or give a fixed '
-                       f'rate (--rate)')
-    if len(time) > 1:
-        raise BagError(f'{where}: several columns of time')
-    columns = replace(columns, velocity=velocity, time=time[0] if time else None)
-    twice = sorted({table.columns[k] for k in columns.used if columns.used.count(k) > 1})
-    if twice:
-        raise BagError(f'{where}: column {", ".join(twice)} is used twice; position, '
-                       f'velocity, effort and time require separate columns')
-    return columns
-
-
-def _lower(table: Table) -> list[str]:
-    return [name.lower() for name in table.columns]
-
-
-def _find(table: Table, selection: str | None, defaults: tuple[str, ...], what: str,
-          optional: bool = False) -> list[int]:
-    where = str(table.path)
-    if selection is not None:
-        return find_columns(table.columns, selection, what, where)
-    for pattern in defaults:
-        if has_columns(_lower(table), pattern):
-            return find_columns(_lower(table), pattern, what, where)
-    if optional:
-        return []
-    raise BagError(f'{where}: no columns of {what} such as {defaults[0]}; name them (--{what}); '
-                   f'it has {", ".join(table.columns[:30])}')
-
-
 def _joint_names(table: Table, options: TableOptions, named: tuple[str, ...] | None,
                  count: int) -> tuple[str, ...]:
-    names = options.joints or table.joints or named or tuple(
+    names = options.joints or named or tuple(
         f'joint_{k + 1}' for k in range(count))
     if len(names) != count:
         raise OptionError(f'{len(names)} joint names for {count} columns of position in '

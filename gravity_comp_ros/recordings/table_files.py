@@ -29,15 +29,14 @@ class Table:
     A table of M rows and C columns, unconverted.
 
     `columns`: C unique names. `values` (M, C): NaN for an empty cell or text. `lines` (M,): line
-    numbers of the rows in a text file. `joints`: joint names, if the file has them. `text`: line
-    and content of the first cell of text, and of the first that differs, by column.
+    numbers of the rows in a text file. `text`: line and content of the first cell of text, and of
+    the first that differs, by column.
     """
 
     path: Path
     columns: tuple[str, ...]
     values: FloatArray
     lines: array | IntArray | None = None
-    joints: tuple[str, ...] | None = None
     text: Mapping[int, list[tuple[int, str]]] = field(default_factory=dict)
 
     def where(self, row: int) -> str:
@@ -86,7 +85,9 @@ def _csv_table(path: Path, rows: Iterator[tuple[int, list[str]]], decimal_comma:
         header = all(_number(cell, decimal_comma) is None for cell in first[1])
     names = [cell.strip() for cell in first[1]] if header else [
         str(k + 1) for k in range(len(first[1]))]
-    check_columns(path, names)
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise BagError(f'{path}: columns repeat: {", ".join(repeated)}')
     values, lines = array('d'), array('q')
     text: dict[int, list[tuple[int, str]]] = {}
     for line, cells in rows if header else chain([first], rows):
@@ -107,7 +108,7 @@ def _csv_table(path: Path, rows: Iterator[tuple[int, list[str]]], decimal_comma:
     if not lines:
         raise BagError(f'{path} has no rows')
     return Table(path, tuple(names), np.frombuffer(values).reshape(-1, len(names)).copy(), lines,
-                 None, text)
+                 text)
 
 
 def _rows(path: Path, stream: Iterator[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
@@ -121,13 +122,6 @@ def _rows(path: Path, stream: Iterator[str], delimiter: str) -> Iterator[tuple[i
                 yield reader.line_num, cells
     except csv.Error as error:
         raise BagError(f'{path}, line {reader.line_num}: {error}') from None
-
-
-def check_columns(path: Path, names: list[str]) -> None:
-    """Raise a `BagError` if names of columns repeat."""
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise BagError(f'{path}: columns repeat: {", ".join(repeated)}')
 
 
 def _delimiter(line: str) -> str:
