@@ -21,18 +21,11 @@ from numpy.typing import ArrayLike
 _ORDER = 3
 # Multiple of the median interval above which an interval is a gap: several lost messages.
 _GAP = 5.0
-# Maximum share of the samples for which single windows are faster than sliding ones.
-_MAX_SHARE = 0.1
-# Number of windows that are fitted at a time.
-_MAX_WINDOWS = 512
 
 
-def differentiate(t: ArrayLike, q: ArrayLike, window: float = 0.2,
-                  rows: IntArray | None = None) -> FloatArray:
+def differentiate(t: ArrayLike, q: ArrayLike, window: float = 0.2) -> FloatArray:
     """
     Return the velocity (M, N) in rad/s of positions `q` (M, N) in rad at times `t` (M,) in s.
-
-    With `rows` (R,), rising sample numbers, it is that of these samples alone, (R, N).
 
     Each stretch without a gap is interpolated on a regular grid and fitted by a sliding cubic
     (Savitzky and Golay) over `window` s, which causes no delay. At low rates the window grows to
@@ -45,64 +38,32 @@ def differentiate(t: ArrayLike, q: ArrayLike, window: float = 0.2,
         raise DataError(f'cannot differentiate q of shape {positions.shape} over t of shape '
                         f'{times.shape}')
     steps = np.diff(times)
-    rows = np.arange(len(times)) if rows is None else rows
     if (steps <= 0).any():
         raise DataError(f'cannot differentiate: time does not increase at sample '
                         f'{int(np.argmax(steps <= 0)) + 1}')
-    speed = np.full((len(rows), positions.shape[1]), np.nan)
+    speed = np.full(positions.shape, np.nan)
     if not steps.size:
         return speed
     step = float(np.median(steps))
-    ends = np.append(np.flatnonzero(steps > _GAP * step) + 1, len(times))
-    begin = 0
-    for end in ends:
-        here = slice(*np.searchsorted(rows, [begin, end]))
-        if end > begin + 1 and here.stop > here.start:
-            speed[here] = _stretch(times[begin:end], positions[begin:end], step, window,
-                                   times[rows[here]])
-        begin = end
+    edges = np.flatnonzero(np.diff(times, prepend=-np.inf, append=np.inf) > _GAP * step)
+    for begin, end in zip(edges, edges[1:]):
+        if end > begin + 1:
+            speed[begin:end] = _stretch(times[begin:end], positions[begin:end], step, window)
     return speed
 
 
-def _stretch(t: FloatArray, q: FloatArray, step: float, window: float,
-             at: FloatArray) -> FloatArray:
-    """Return the velocity (R, N) at times (R,) in one stretch without a gap."""
+def _stretch(t: FloatArray, q: FloatArray, step: float, window: float) -> FloatArray:
+    """Return the velocity (M, N) in one stretch without a gap."""
     count = max(int(round((t[-1] - t[0]) / step)) + 1, 2)
     grid = np.linspace(t[0], t[-1], count)
     spacing = grid[1] - grid[0]
     regular = np.stack([np.interp(grid, t, column) for column in q.T], axis=1)
-    length = max(2 * int(round(window / (2 * spacing))) + 1, 5)
     if count < 5:
         slope = np.gradient(regular, spacing, axis=0)
     else:
-        length = min(length, count if count % 2 else count - 1)
-        if len(at) < _MAX_SHARE * count:
-            before = np.clip(((at - t[0]) / spacing).astype(int), 0, count - 2)
-            needed = np.union1d(before, before + 1)
-            slope, grid = _slope_at(regular, length, needed) / spacing, grid[needed]
-        else:
-            slope = _sliding_slope(regular, length) / spacing
-    return np.stack([np.interp(at, grid, column) for column in slope.T], axis=1)
-
-
-def _slope_at(q: FloatArray, length: int, rows: IntArray) -> FloatArray:
-    """Return the slope of `_sliding_slope` at some rows (R,) alone."""
-    start = np.clip(rows - length // 2, 0, len(q) - length)
-    derivative, cubic = _cubic(length)
-    weights = derivative @ cubic[1:]
-    slope = np.empty((len(rows), q.shape[1]))
-    for k in range(0, len(rows), _MAX_WINDOWS):
-        part = slice(k, k + _MAX_WINDOWS)
-        windows = q[start[part, None] + np.arange(length)]
-        slope[part] = np.einsum('rl,rln->rn', weights[rows[part] - start[part]], windows)
-    return slope
-
-
-def _cubic(length: int) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives of the powers 1 to 3 at `length` rows, and the fit of a cubic."""
-    half = length // 2
-    powers = np.vander(np.arange(-half, half + 1.0), _ORDER + 1, increasing=True)
-    return powers[:, :-1] * np.arange(1, _ORDER + 1), np.linalg.pinv(powers)
+        length = max(2 * int(round(window / (2 * spacing))) + 1, 5)
+        slope = _sliding_slope(regular, min(length, count - 1 + count % 2)) / spacing
+    return np.stack([np.interp(t, grid, column) for column in slope.T], axis=1)
 
 
 def _sliding_slope(q: FloatArray, length: int) -> FloatArray:
@@ -112,7 +73,8 @@ def _sliding_slope(q: FloatArray, length: int) -> FloatArray:
     `scipy.signal.savgol_filter` is equivalent, but its import is slow.
     """
     half = length // 2
-    derivative, cubic = _cubic(length)
+    powers = np.vander(np.arange(-half, half + 1.0), _ORDER + 1, increasing=True)
+    derivative, cubic = powers[:, :-1] * np.arange(1, _ORDER + 1), np.linalg.pinv(powers)
     slope = np.empty_like(q)
     slope[half:-half] = np.stack([np.correlate(column, cubic[1]) for column in q.T], axis=1)
     # The first and the last cubic are used up to the ends.
@@ -187,7 +149,10 @@ def accelerations(samples: JointSamples) -> FloatArray:
     """
     if samples.qdd is not None:
         return samples.qdd
-    return _slopes(samples, np.arange(samples.n_samples))
+    qdd = np.zeros(samples.qd.shape)
+    for run in run_slices(samples) if samples.qd.any() else ():
+        qdd[run] = differentiate(samples.t[run], samples.qd[run], WINDOW)
+    return np.nan_to_num(qdd, nan=0.0)
 
 
 def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSamples:
@@ -197,26 +162,10 @@ def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSample
     The gate reduces the sample rate, which smooths quick starts and stops. If `samples` do not
     resolve these either, accelerations stay unknown.
     """
-    if part.qdd is not None or not is_resolved(samples):
+    if part.qdd is not None or not median_interval(samples.t, samples.runs) <= MAX_INTERVAL:
         return part
-    rows = np.arange(len(samples)) if part is samples else numbers_in(samples, part)
-    return replace(part, qdd=_slopes(samples, rows))
-
-
-def _slopes(samples: JointSamples, rows: IntArray) -> FloatArray:
-    """Return the slope (R, N) of qd at samples number `rows`, rising, within each run."""
-    qdd = np.zeros((len(rows), samples.n_joints))
-    if not samples.qd.any():
-        return qdd
-    for run in run_slices(samples):
-        here = slice(*np.searchsorted(rows, [run.start, run.stop]))
-        qdd[here] = differentiate(samples.t[run], samples.qd[run], WINDOW, rows[here] - run.start)
-    return np.nan_to_num(qdd, nan=0.0)
-
-
-def is_resolved(samples: JointSamples) -> bool:
-    """Return whether the sample rate resolves quick starts and stops."""
-    return median_interval(samples.t, samples.runs) <= MAX_INTERVAL
+    qdd = accelerations(samples)
+    return replace(part, qdd=qdd if part is samples else qdd[numbers_in(samples, part)])
 
 
 def acceleration_at(t: float, times: FloatArray, qd: FloatArray) -> FloatArray | None:

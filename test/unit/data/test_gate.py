@@ -114,18 +114,6 @@ def test_the_filter_is_that_of_savitzky_and_golay(count, rate):
     np.testing.assert_allclose(differentiate(t, q), expected, atol=1e-9)
 
 
-@pytest.mark.parametrize(('count', 'few'), [(2000, 30), (2000, 1), (300, 29), (40, 20)])
-def test_some_samples_have_the_velocity_of_all(count, few):
-    rng = np.random.default_rng(few)
-    t = np.cumsum(rng.uniform(0.8e-2, 1.2e-2, count)) + 5.0 * (np.arange(count) > count // 3)
-    q = rng.standard_normal((count, 3))
-    rows = np.sort(rng.choice(count, few, replace=False))
-    rows[0], rows[-1] = min(rows[0], 1), count - 1
-    np.testing.assert_allclose(differentiate(t, q, rows=rows), differentiate(t, q)[rows],
-                               atol=1e-9)
-    assert differentiate(t, q, rows=rows[:0]).shape == (0, 3)
-
-
 def test_no_leakage_across_a_gap():
     t = np.concatenate([np.arange(100), 1000 + np.arange(100)]) / 100
     q = np.concatenate([t[:100], 50 - 2 * t[100:]])[:, None]
