@@ -47,8 +47,7 @@ class Signals:
 class Disturbance(Protocol):
     """A deviation from the rigid arm that changes the sensor signals."""
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
+    def apply(self, signals: Signals, motion: Motion, arm: Arm) -> Signals:
         """
         Return the signals with this disturbance.
 
@@ -64,8 +63,7 @@ class SynthesisOptions:
 
     With `static` the torque is that of the arm at rest at every sample, and the reported velocity
     is 0. A `payload` is attached from the beginning, or from `payload_at` s on the motion's clock.
-    `disturbances` act in their order, then `noise` is added. `seed` determines noise and
-    disturbances.
+    `disturbances` act in their order, then `noise` of a `seed` is added.
     """
 
     noise: NoiseOptions = NoiseOptions()
@@ -93,12 +91,10 @@ def synthesise(arm: Arm, motion: Motion, options: SynthesisOptions = SynthesisOp
             f'{arm.n_joints}; random poses and multisines fit every arm')
     qd = np.zeros_like(motion.qd) if options.static else motion.qd
     signals = Signals(motion.q, qd, rigid_torque(arm, motion, options))
-    # Separate random streams: adding a disturbance does not change the noise.
-    noise_stream, *streams = np.random.SeedSequence(options.seed).spawn(
-        1 + len(options.disturbances))
-    for disturbance, stream in zip(options.disturbances, streams):
-        signals = disturbance.apply(signals, motion, arm, np.random.default_rng(stream))
-    noise, tau = np.random.default_rng(noise_stream), signals.tau
+    for disturbance in options.disturbances:
+        signals = disturbance.apply(signals, motion, arm)
+    noise = np.random.default_rng(np.random.SeedSequence(options.seed).spawn(1)[0])
+    tau = signals.tau
     # A torque of exactly 0 has no relative noise.
     tau = (tau + options.noise.relative * np.abs(tau) * noise.standard_normal(tau.shape)
            + options.noise.absolute * noise.standard_normal(tau.shape))

@@ -161,7 +161,7 @@ class JointFriction(JointTorque):
     def friction(self, grid: Grid, signals: Signals) -> FloatArray:
         """Return the torque (K,) in N·m on the grid."""
 
-    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
+    def added(self, signals: Signals, motion: Motion) -> FloatArray:
         grid = fine_grid(motion)
         return self.friction(grid, signals)[grid.at]
 
@@ -285,26 +285,17 @@ class ThermalFriction(JointFriction):
 @dataclass(frozen=True)
 class DifferentialFriction:
     """
-    LuGre friction on the two shafts of a differential that drives a pair of joints.
+    LuGre friction on the sum shaft, q_a + q_b, of a differential that drives a pair of joints.
 
-    The shaft angles are s = q_a + q_b and d = q_b - q_a. Friction acts on the joints by the
-    transpose of that map: tau_a = f_s - f_d, tau_b = f_s + f_d. None is a shaft without friction.
+    It acts on both joints.
     """
 
     pair: tuple[int, int]
-    sum_shaft: LuGre | None
-    difference_shaft: LuGre | None = None
+    surfaces: LuGre
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
-        a, b = self.pair
-        grid, tau = fine_grid(motion), signals.tau.copy()
-        for sign, surfaces in ((1.0, self.sum_shaft), (-1.0, self.difference_shaft)):
-            if surfaces is None:
-                continue
-            angle = grid.q[:, b] + sign * grid.q[:, a]
-            speed = grid.qd[:, b] + sign * grid.qd[:, a]
-            torque = friction_torque(grid.t, angle, speed, surfaces)[grid.at]
-            tau[:, a] += sign * torque
-            tau[:, b] += torque
+    def apply(self, signals: Signals, motion: Motion, arm: Arm) -> Signals:
+        grid, tau, pair = fine_grid(motion), signals.tau.copy(), list(self.pair)
+        torque = friction_torque(grid.t, grid.q[:, pair].sum(axis=1),
+                                 grid.qd[:, pair].sum(axis=1), self.surfaces)
+        tau[:, pair] += torque[grid.at, None]
         return replace(signals, tau=tau)

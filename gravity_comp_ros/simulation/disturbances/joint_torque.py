@@ -18,13 +18,12 @@ class JointTorque(ABC):
     joint: int
 
     @abstractmethod
-    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
+    def added(self, signals: Signals, motion: Motion) -> FloatArray:
         """Return the torque that is added, (M,) in N·m."""
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
+    def apply(self, signals: Signals, motion: Motion, arm: Arm) -> Signals:
         tau = signals.tau.copy()
-        tau[:, self.joint] += self.added(signals, motion, rng)
+        tau[:, self.joint] += self.added(signals, motion)
         return replace(signals, tau=tau)
 
 
@@ -35,7 +34,7 @@ class AngleTorque(JointTorque):
     def torque(self, q: FloatArray) -> FloatArray:
         """Return the drive's torque (K,) in N·m at angles q (K,) in rad."""
 
-    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
+    def added(self, signals: Signals, motion: Motion) -> FloatArray:
         return self.torque(motion.q[:, self.joint])
 
 
@@ -157,5 +156,5 @@ class Bumper(JointTorque):
         push = self.stiffness * depth ** self.exponent * (1 + 1.5 * self.loss * self.side * qd)
         return np.asarray(self.side * np.maximum(push, 0.0))
 
-    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
+    def added(self, signals: Signals, motion: Motion) -> FloatArray:
         return self.torque(motion.q[:, self.joint], motion.qd[:, self.joint])

@@ -21,7 +21,7 @@ class GaugeOffset(JointTorque):
     joint: int
     offset: float
 
-    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
+    def added(self, signals: Signals, motion: Motion) -> FloatArray:
         return np.full(len(motion.t), self.offset)
 
 
@@ -32,24 +32,23 @@ class GaugeGain(JointTorque):
     joint: int
     gain: float
 
-    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
+    def added(self, signals: Signals, motion: Motion) -> FloatArray:
         return (self.gain - 1.0) * signals.tau[:, self.joint]
 
 
 @dataclass(frozen=True)
 class GaugeDrift(JointTorque):
     """
-    Drift of a torque sensor with its temperature, and a random walk.
+    Drift of a torque sensor with its temperature.
 
     The mount warms as 1 - exp(-t / warming); the sensor follows with a time constant of `lag`
-    times `warming`. Its offset rises by `rise` N·m with its temperature. The random walk has
-    `wander` N·m per square root of a second. The sensor was switched on `begun` s before the run.
+    times `warming`. Its offset rises by `rise` N·m with its temperature. The sensor was switched
+    on `begun` s before the run.
     """
 
     joint: int
     rise: float
     warming: float = 200.0
-    wander: float = 0.0
     begun: float = 0.0
     lag: float = 0.0
 
@@ -60,11 +59,8 @@ class GaugeDrift(JointTorque):
             sensor = np.exp(-age / (self.lag * self.warming))
         return np.asarray(1.0 - (mount - self.lag * sensor) / (1.0 - self.lag))
 
-    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
-        age = motion.t - motion.t[0]
-        steps = rng.standard_normal(len(age)) * np.sqrt(np.diff(age, prepend=0.0))
-        walk = self.wander * np.cumsum(steps)
-        return np.asarray(self.rise * self.temperature(age + self.begun) + walk)
+    def added(self, signals: Signals, motion: Motion) -> FloatArray:
+        return self.rise * self.temperature(motion.t - motion.t[0] + self.begun)
 
 
 @dataclass(frozen=True)
@@ -79,8 +75,7 @@ class EncoderOffset:
     joint: int
     offset: float
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
+    def apply(self, signals: Signals, motion: Motion, arm: Arm) -> Signals:
         q = signals.q.copy()
         q[:, self.joint] += self.offset
         return replace(signals, q=q)
@@ -89,21 +84,17 @@ class EncoderOffset:
 @dataclass(frozen=True)
 class DelayedEffort:
     """
-    Effort delayed by `delay` s on every joint, or on `joints` only.
+    Effort delayed by `delay` s.
 
     It is interpolated linearly between samples, which must resolve the torque. Before the first
     sample the torque is that of the first.
     """
 
     delay: float
-    joints: tuple[int, ...] | None = None
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
-        tau = signals.tau.copy()
-        for joint in range(arm.n_joints) if self.joints is None else self.joints:
-            tau[:, joint] = np.interp(motion.t - self.delay, motion.t, signals.tau[:, joint])
-        return replace(signals, tau=tau)
+    def apply(self, signals: Signals, motion: Motion, arm: Arm) -> Signals:
+        return replace(signals, tau=np.stack([
+            np.interp(motion.t - self.delay, motion.t, tau) for tau in signals.tau.T], axis=1))
 
 
 class Gear(ABC):
@@ -115,8 +106,7 @@ class Gear(ABC):
     def lead(self, t: FloatArray, load: FloatArray) -> FloatArray:
         """Return the lead of the motor's angle over the link's, (K,) in rad."""
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
+    def apply(self, signals: Signals, motion: Motion, arm: Arm) -> Signals:
         lead = self.lead(motion.t, signals.tau[:, self.joint])
         q, qd = signals.q.copy(), signals.qd.copy()
         q[:, self.joint] += lead
@@ -170,8 +160,7 @@ class TiltedBase:
     roll: float
     pitch: float
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
+    def apply(self, signals: Signals, motion: Motion, arm: Arm) -> Signals:
         tilted = with_base_tilt(arm, self.roll, self.pitch)
         change = gravity_torque(tilted, motion.q) - gravity_torque(arm, motion.q)
         return replace(signals, tau=signals.tau + change)
@@ -199,6 +188,5 @@ class ToolForce:
             out[k] = -pin.computeJointJacobian(arm.model, data, configuration, last).T @ wrench
         return out
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
+    def apply(self, signals: Signals, motion: Motion, arm: Arm) -> Signals:
         return replace(signals, tau=signals.tau + self.torque(arm, motion.q))

@@ -36,7 +36,7 @@ def test_every_hidden_effect_changes_the_signals(name):
     still = Signals(motion.q, motion.qd, gravity_torque(ARM, motion.q))
     text = name if KINDS[name].whole_arm else f'{name}:2'
     added = hidden(text, ARM)
-    out = added.disturbance.apply(still, motion, ARM, np.random.default_rng(0))
+    out = added.disturbance.apply(still, motion, ARM)
     assert hidden(f'{text}={added.size}', ARM) == added
     change = np.abs(out.tau - still.tau).max() + np.abs(out.q - still.q).max()
     assert 0.005 < change < 100.0
@@ -84,7 +84,7 @@ def test_sizes_are_those_of_the_disturbance():
     still = Signals(np.zeros((2001, 7)), np.zeros((2001, 7)), np.zeros((2001, 7)))
     motion = sample('still', lambda t: (np.zeros((len(t), 7)),) * 3, 10.005, 200.0)
     drift = hidden('torque_drift:2=0.01', ARM).disturbance
-    rise = drift.apply(still, motion, ARM, np.random.default_rng(0)).tau[:, 1]
+    rise = drift.apply(still, motion, ARM).tau[:, 1]
     assert np.polyfit(t[:200], rise[:200], 1)[0] == pytest.approx(0.01, rel=0.02)
     spring = hidden('joint_spring:2=8', ARM).disturbance
     assert float(spring.torque(np.array(1.0))) == pytest.approx(8.0)

@@ -185,20 +185,19 @@ def test_noise_is_seeded_and_has_the_given_level():
 
 
 class Offset:
-    """A sensor offset that also uses its own random stream."""
+    """A sensor offset."""
 
     def __init__(self, size):
         self.size = size
 
-    def apply(self, signals, motion, arm, rng):
-        rng.standard_normal(10)
+    def apply(self, signals, motion, arm):
         return Signals(signals.q, signals.qd, signals.tau + self.size)
 
 
 class Gain:
     """A gain error, to test the order with Offset."""
 
-    def apply(self, signals, motion, arm, rng):
+    def apply(self, signals, motion, arm):
         return Signals(signals.q, signals.qd, 2 * signals.tau)
 
 
