@@ -25,7 +25,7 @@ import sys
 import tempfile
 import time
 
-from gravity_comp_ros.recordings.joint_state_cdr import LayoutDecoder
+from gravity_comp_ros.recordings.joint_state_cdr import decode
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 from gravity_comp_ros.recordings.storage import open_storage
 import numpy as np
@@ -115,9 +115,8 @@ def decoding(folder: Path) -> None:
 
     def ours() -> int:
         with open_storage(path) as storage:
-            decoder = LayoutDecoder()
             return sum(len(block.which) for batch in storage.batches(TOPIC)
-                       for block in decoder.decode(batch))
+                       for block in decode(batch))
 
     def theirs() -> int:
         with AnyReader([path]) as reader:

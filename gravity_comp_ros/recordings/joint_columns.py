@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
-from gravity_comp_ros.recordings.joint_state_cdr import Block, LayoutDecoder, ROS1
+from gravity_comp_ros.recordings.joint_state_cdr import Block, decode, ROS1
 from gravity_comp_ros.recordings.messages import Batch, Storage
 import numpy as np
 
@@ -40,15 +40,15 @@ class Columns:
         # place: 24 bytes per joint and message.
         self._rows: dict[tuple[str, ...], list[IntArray]] = {}
         self._values: dict[tuple[str, ...], tuple[array, array, array]] = {}
-        decoder = LayoutDecoder(any((each.type, each.encoding) == ROS1 for each in storage.topics
-                                    if each.name == topic))
+        ros1 = any((each.type, each.encoding) == ROS1 for each in storage.topics
+                   if each.name == topic)
         times, count, valid = [np.zeros((2, 0), dtype=np.int64)], 0, 0
         for batch in storage.batches(topic):
             count += len(batch)
             if share < 1.0:
                 # Every k-th message could select one of several alternating publishers.
                 batch = batch.select(np.arange(count - len(batch), count) * _GOLDEN % 1.0 < share)
-            times.append(self._add(batch, decoder.decode(batch), valid))
+            times.append(self._add(batch, decode(batch, ros1), valid))
             valid += times[-1].shape[1]
         self.log_ns, self.stamp_ns = np.concatenate(times, axis=1)
 

@@ -8,7 +8,7 @@ length and its names are decoded together, by columns of bytes.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import struct
 
@@ -42,8 +42,6 @@ uint32 nanosec
 
 # Length of the CDR encapsulation header, bytes; alignment is relative to its end.
 HEADER = 4
-# Maximum number of layouts that messages are compared with.
-_MAX_LAYOUTS = 16
 
 
 def encode(stamp_ns: int, names: Sequence[str], position: ArrayLike = (),
@@ -169,48 +167,23 @@ class _Layout:
             records[what].astype(np.float64) for what in ('position', 'velocity', 'effort')))
 
 
-class LayoutDecoder:
-    """Decoder for the batches of one topic, of ROS 2 or 1; all batches share layouts."""
+def decode(batch: Batch, ros1: bool = False) -> Iterator[Block]:
+    """
+    Yield the messages of a batch, those of a layout together; undecodable ones are in no block.
 
-    def __init__(self, ros1: bool = False) -> None:
-        self._layouts: list[_Layout] = []
-        self._ros1 = ros1
-
-    def decode(self, batch: Batch) -> Iterator[Block]:
-        """Yield the messages of a batch; undecodable ones are in no block."""
-        remaining = np.arange(len(batch))
-        for layout in self._layouts:
-            remaining = yield from self._matched(layout, batch, remaining)
-            if not remaining.size:
-                return
-        while remaining.size:
-            first, others = remaining[:1], remaining[1:]
-            try:
-                layout = _Layout(batch.message(int(first[0])), self._ros1)
-            except ValueError:
-                remaining = others
-                continue
-            if len(self._layouts) < _MAX_LAYOUTS:
-                self._layouts.append(layout)
-                remaining = yield from self._matched(layout, batch, remaining)
-            else:
-                yield from self._matched(layout, batch, first)
-                remaining = others
-
-    @staticmethod
-    def _matched(layout: _Layout, batch: Batch,
-                 candidates: Places) -> Generator[Block, None, Places]:
-        """Yield the candidates that match a layout; return the others."""
-        same = batch.length[candidates] == layout.length
-        which = candidates if same.all() else candidates[same]
-        if not which.size:
-            return candidates
+    :param ros1: whether the messages are of ROS 1.
+    """
+    remaining = np.arange(len(batch))
+    while remaining.size:
+        try:
+            layout = _Layout(batch.message(int(remaining[0])), ros1)
+        except ValueError:
+            remaining = remaining[1:]
+            continue
+        which = remaining[batch.length[remaining] == layout.length]
         rows = batch.rows(which, layout.length)
         matching = layout.matching(rows)
-        if matching.all():
-            yield layout.block(which, rows)
-            return candidates[~same]
-        if matching.any():
-            yield layout.block(which[matching], rows[matching])
-        same[same] = matching
-        return candidates[~same]
+        if not matching.all():
+            which, rows = which[matching], rows[matching]
+        yield layout.block(which, rows)
+        remaining = np.setdiff1d(remaining, which, assume_unique=True)
