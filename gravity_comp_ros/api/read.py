@@ -11,7 +11,7 @@ from gravity_comp_ros.api.axes import known_arm, KnownArm
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.description.joint_order import NUMBERS, WORDS
+from gravity_comp_ros.description.joint_order import NAMES
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.torque_facts import torque_facts, WholeArm
@@ -136,7 +136,7 @@ def arm_facts(recording: Recording, arm: KnownArm | None = None,
     if arm is not None:
         recording, geometry = arm.of(recording), arm.geometry
         rotations = None if geometry is None else geometry.rotations
-        by_name = geometry is None and arm.order.source in (NUMBERS, WORDS)
+        by_name = geometry is None and arm.order.source == NAMES
     facts = torque_facts(recording.samples, rotations, model, _whole_arm(recording), by_name,
                          min_ratio)
     accept = accepted_kinds(recording.reports[0].options.accept)

@@ -5,9 +5,8 @@ Drivers publish joints in any order, often alphabetically. The chain model requi
 order. It comes from, in this sequence:
 
 - the robot description;
-- the numbers in names that differ only in them, such as panda_joint1 to panda_joint7; a letter
-  for shoulder, elbow or wrist may precede the number (left_s0 ... left_w2);
-- the words for parts of an arm (elbow_joint, shoulder_lift_joint, wrist_1_joint).
+- numbers and words for parts of an arm in the names: panda_joint1 to panda_joint7, left_s0 to
+  left_w2 (shoulder, elbow, wrist), elbow_joint, shoulder_lift_joint, wrist_1_joint.
 """
 
 from __future__ import annotations
@@ -19,24 +18,19 @@ import re
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 
 DESCRIPTION = 'description'
-NUMBERS = 'numbers in the names'
-WORDS = 'words in the names'
+NAMES = 'numbers and words in the names'
 AS_RECORDED = 'as recorded'
 TORQUES = 'torques, which this order explains better than that of the recording'
 
-_NUMBER = re.compile(r'(\d+)')
-# A single letter before the number: shoulder, elbow, wrist.
-_PART = re.compile(r'(?<![^\W_])([sSeEwW])(?=\d)')
-_PARTS = 'sew'
 _WORD = re.compile(r'[A-Z]?[a-z]+|[A-Z]+|\d+')
 # Rank of the parts of an arm from the base outwards, and of the rotations within a part. The
 # order of pitch, roll and yaw differs from robot to robot, so that these words are not used.
-_PART_WORDS = {word: rank for rank, words in enumerate((
-    'base waist torso', 'shoulder', 'upper upperarm', 'elbow', 'fore forearm lower lowerarm',
-    'wrist', 'hand')) for word in words.split()}
-_ROTATION_WORDS = {word: rank for rank, words in enumerate((
+_PARTS = {word: rank for rank, words in enumerate((
+    'base waist torso', 's shoulder', 'upper upperarm', 'e elbow', 'fore forearm lower lowerarm',
+    'w wrist', 'hand')) for word in words.split()}
+_ROTATIONS = {word: rank for rank, words in enumerate((
     'pan', 'lift', 'flex bend angle', 'roll rotate rotation twist')) for word in words.split()}
-_IGNORED_WORDS = {'arm', 'joint'}
+_IGNORED = {'arm', 'joint'}
 
 
 @dataclass(frozen=True)
@@ -65,53 +59,34 @@ def joint_order(names: Sequence[str], urdf: str | bytes | None = None) -> JointO
         else:
             if not left_out:
                 return JointOrder(joints, DESCRIPTION)
-    for ordered, source in ((_by_numbers, NUMBERS), (_by_words, WORDS)):
-        result = ordered(names)
-        if result is not None:
-            return JointOrder(result, source)
-    return JointOrder(tuple(names), AS_RECORDED)
+    result = _by_names(names)
+    return JointOrder(tuple(names), AS_RECORDED) if result is None else JointOrder(result, NAMES)
 
 
-def _by_words(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the names sorted by the words for parts of an arm; None if these are ambiguous."""
-    words = {name: [word.lower() for word in _WORD.findall(name)] for name in names}
-    common = set.intersection(*map(set, words.values())) if words else set()
-    keys = {name: _rank([word for word in own if word not in common | _IGNORED_WORDS])
-            for name, own in words.items()}
-    if len(names) < 2 or None in keys.values() or len(set(keys.values())) < len(names):
+def _by_names(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the names sorted by their words and numbers; None if these define no order."""
+    words = [[word.lower() for word in _WORD.findall(name)] for name in names]
+    numbers = [tuple(int(word) for word in own if word.isdigit()) for own in words]
+    if len(set(map(len, numbers))) == 1:
+        # A number that all names share is that of the robot.
+        varying = [column for column in zip(*numbers) if len(set(column)) > 1]
+        numbers = list(zip(*varying)) or [()] * len(names)
+    common = set.intersection(*map(set, words)) if words else set()
+    keys = [_key([word for word in own if word not in common | _IGNORED], number)
+            for own, number in zip(words, numbers)]
+    ranks = [key for key in keys if key is not None]
+    if len(names) < 2 or len(set(ranks)) < len(names) or len({len(key) for key in ranks}) > 1:
         return None
-    return tuple(sorted(names, key=lambda name: keys[name] or ()))
+    return tuple(name for _, name in sorted(zip(ranks, names)))
 
 
-def _rank(words: list[str]) -> tuple[int, int, int] | None:
-    """Return part, rotation and number in the words of a name; None for an unknown word."""
-    parts = [_PART_WORDS[word] for word in words if word in _PART_WORDS]
-    rotations = [_ROTATION_WORDS[word] for word in words if word in _ROTATION_WORDS]
-    numbers = [int(word) for word in words if word.isdigit()]
-    if len(parts) != 1 or max(len(rotations), len(numbers)) > 1 or (
-            len(words) > len(parts) + len(rotations) + len(numbers)):
+def _key(words: list[str], numbers: tuple[int, ...]) -> tuple[int, ...] | None:
+    """Return part, rotation and number of a name, or the number alone; None if it is ambiguous."""
+    parts = [_PARTS[word] for word in words if word in _PARTS]
+    rotations = [_ROTATIONS[word] for word in words if word in _ROTATIONS]
+    others = len(words) - len(parts) - len(rotations) - sum(map(str.isdigit, words))
+    if others or max(map(len, (parts, rotations, numbers))) > 1:
         return None
-    return parts[0], rotations[0] if rotations else -1, numbers[0] if numbers else -1
-
-
-def _by_numbers(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the names sorted by their numbers; None if these do not define an order."""
-    keys = {name: _key(name) for name in names}
-    templates = {template for template, _ in keys.values()}
-    numbers = [key for _, key in keys.values()]
-    if len(templates) != 1 or len(set(numbers)) < len(names) or len(names) < 2:
-        return None
-    # Two varying numbers (robot1_joint1 ... robot2_joint1) indicate two arms.
-    counters = [column for column in zip(*(key[1:] for key in numbers)) if len(set(column)) > 1]
-    if len(counters) > 1:
-        return None
-    return tuple(sorted(names, key=lambda name: keys[name][1]))
-
-
-def _key(name: str) -> tuple[str, tuple[int, ...]]:
-    """Return the name without its numbers, and the sort key: part of the arm, numbers."""
-    letter = _PART.search(name)
-    part = _PARTS.index(letter.group(1).lower()) if letter else -1
-    template = _PART.sub('*', name) if letter else name
-    numbers = tuple(int(number) for number in _NUMBER.findall(template))
-    return _NUMBER.sub('#', template), (part, *numbers)
+    if parts:
+        return parts[0], *(rotations or [-1]), *(numbers or [-1])
+    return numbers if numbers and not rotations else None

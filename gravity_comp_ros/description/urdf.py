@@ -89,12 +89,13 @@ def find_description(urdf: Path | str | None, recordings: Collection[Path | str]
     """
     if urdf is not None:
         return Description(read_text(urdf), str(urdf), Path(urdf).resolve().parent)
-    if not recordings:
-        return None
-    # Imports file-format libraries, which arrays do not need.
-    from gravity_comp_ros.recordings.bag import first_description
-    recorded = first_description(recordings)
-    return None if recorded is None else Description(recorded.text, recorded.source)
+    for recording in recordings:
+        # Imports file-format libraries, which arrays do not need.
+        from gravity_comp_ros.recordings.bag import robot_description
+        recorded = robot_description(recording)
+        if recorded is not None:
+            return Description(recorded.text, recorded.source)
+    return None
 
 
 def parse_urdf(text: str | bytes, joints: Collection[str], source: str = 'URDF',

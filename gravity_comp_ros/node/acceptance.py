@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
-from gravity_comp_ros.description.joint_order import joint_order, NUMBERS, WORDS
+from gravity_comp_ros.description.joint_order import joint_order, NAMES
 from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.subset_stability import last_part
 from gravity_comp_ros.estimation.torque_facts import torque_facts
@@ -76,7 +76,7 @@ def _facts_of_arm(job: Job, samples: JointSamples) -> list[Fact]:
     facts = torque_facts(
         samples, None if geometry is None else geometry.rotations,
         by_name=geometry is None and order.joints == samples.names
-        and order.source in (NUMBERS, WORDS))
+        and order.source == NAMES)
     return [unless_accepted(fact, accepted_kinds(job.settings.accept)) for fact in facts]
 
 

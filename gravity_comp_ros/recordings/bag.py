@@ -23,7 +23,7 @@ from gravity_comp_ros.recordings.storage import open_storage
 from gravity_comp_ros.recordings.topic_choice import choose_joints, choose_topic, named_joints
 import numpy as np
 
-__all__ = ['decode_string', 'encode_string', 'first_description', 'joint_goals',
+__all__ = ['decode_string', 'encode_string', 'joint_goals',
            'joint_positions', 'read_bag', 'ReadOptions', 'ReadReport', 'RecordedDescription',
            'Recording', 'robot_description', 'STRING']
 
@@ -174,15 +174,6 @@ def robot_description(path: Path | str) -> RecordedDescription | None:
     except ValueError as problem:
         raise BagError(f'{path}, topic {topic}: the robot description cannot be decoded: '
                        f'{problem}') from None
-
-
-def first_description(paths: Iterable[Path | str]) -> RecordedDescription | None:
-    """
-    Return the description of the first recording that contains one.
-
-    :raises BagError: as `robot_description`.
-    """
-    return next((found for path in paths if (found := robot_description(path))), None)
 
 
 def decode_string(data: bytes) -> str:

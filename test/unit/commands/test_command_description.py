@@ -65,7 +65,7 @@ def known(bag, joints=None, **axes):
 def test_without_a_description_numbers_order_the_joints(bags):
     arm = known(bags / 'own', urdf='none')
     assert arm.to_json() is None
-    assert (arm.order.source, arm.order.joints) == ('numbers in the names', JOINTS)
+    assert (arm.order.source, arm.order.joints) == ('numbers and words in the names', JOINTS)
     some = JOINTS[1::-1]
     assert known(bags / 'own', some, urdf='none').order == JointOrder(some, 'as asked')
 

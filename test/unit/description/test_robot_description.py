@@ -3,10 +3,11 @@
 from bench.shared import urdf_snippets as robots
 from bench.shared.recordings import messages, START_NS, STORE, write_folder
 from gravity_comp_ros.description.joint_order import (
-    AS_RECORDED, DESCRIPTION, joint_order, JointOrder, NUMBERS, WORDS)
+    AS_RECORDED, DESCRIPTION, joint_order, JointOrder, NAMES)
+from gravity_comp_ros.description.urdf import find_description
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.bag import (
-    decode_string, encode_string, first_description, joint_positions, robot_description)
+    decode_string, encode_string, joint_positions, robot_description)
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
 from hypothesis import given, strategies
 import numpy as np
@@ -67,8 +68,8 @@ def test_bags_without_one(tmp_path):
     empty = write_bag(tmp_path / 'empty', {'/robot_description': []})
     full = write_bag(tmp_path / 'full', {'/robot_description': [string('<robot/>')]})
     assert robot_description(plain) is None and robot_description(empty) is None
-    assert first_description([plain, empty]) is None
-    assert first_description([plain, full]).path == full
+    assert find_description(None, [plain, empty]) is None
+    assert find_description(None, [plain, full]).source == '/robot_description in full'
 
 
 def test_a_damaged_description_is_refused(tmp_path):
@@ -133,7 +134,7 @@ def test_an_unusable_description_is_ignored(urdf):
 @given(data=strategies.data())
 def test_numbers_in_the_names(names, data):
     shuffled = data.draw(strategies.permutations(names))
-    assert joint_order(shuffled) == JointOrder(tuple(names), NUMBERS)
+    assert joint_order(shuffled) == JointOrder(tuple(names), NAMES)
 
 
 FETCH = ('shoulder_pan_joint', 'shoulder_lift_joint', 'upperarm_roll_joint', 'elbow_flex_joint',
@@ -149,7 +150,7 @@ FETCH = ('shoulder_pan_joint', 'shoulder_lift_joint', 'upperarm_roll_joint', 'el
 @given(data=strategies.data())
 def test_words_in_the_names(names, data):
     shuffled = data.draw(strategies.permutations(list(names)))
-    assert joint_order(shuffled) == JointOrder(tuple(names), WORDS)
+    assert joint_order(shuffled) == JointOrder(tuple(names), NAMES)
 
 
 @pytest.mark.parametrize('names', [
