@@ -25,8 +25,7 @@ class JointFacts:
 
     Angles in rad, speeds in rad/s, torques in N·m. `reversals` is the number of reversals of
     more than 0.01 rad, None for poses at rest. `pose_share` is the share of the torque's variance
-    explained by a first-order fit on all joint angles, None without motion. `slow_travel` is the
-    range of angles of the samples that the gate keeps.
+    explained by a first-order fit on all joint angles, None without motion.
     """
 
     q_min: float
@@ -38,7 +37,6 @@ class JointFacts:
     tau_max: float
     tau_std: float
     pose_share: float | None
-    slow_travel: float
 
     @property
     def travel(self) -> float:
@@ -78,11 +76,9 @@ class RecordingFacts:
 
     def to_json(self) -> dict[str, Any]:
         """Return the facts as `info --json` prints them."""
-        joints = {name: asdict(joint) for name, joint in self.joints.items()}
-        for joint in joints.values():
-            del joint['slow_travel']
-        return {'joints': joints, 'slow_share': self.slow_share, 'kept': self.kept,
-                'at_rest': self.at_rest, 'remarks': list(self.remarks)}
+        return {'joints': {name: asdict(joint) for name, joint in self.joints.items()},
+                'slow_share': self.slow_share, 'kept': self.kept, 'at_rest': self.at_rest,
+                'remarks': list(self.remarks)}
 
 
 def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> RecordingFacts:
@@ -90,22 +86,20 @@ def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> Rec
     gate = slow_samples(samples, options)
     slow_share = 1 - gate.dropped.get(FAST, 0) / max(len(samples), 1)
     at_rest = not samples.qd.any()
-    joints = {name: _joint(samples, n, at_rest, gate.samples)
-              for n, name in enumerate(samples.names)}
+    joints = {name: _joint(samples, n, at_rest) for n, name in enumerate(samples.names)}
     motion = (*_speed_facts(joints, slow_share, gate.kept, len(samples), options),
-              *_slow_facts(joints, slow_share), *_travel_facts(joints, at_rest))
+              *_travel_facts(joints, at_rest))
     return RecordingFacts(joints, len(samples), slow_share, gate.kept, at_rest, motion)
 
 
-def _joint(samples: JointSamples, n: int, at_rest: bool, slow: JointSamples) -> JointFacts:
+def _joint(samples: JointSamples, n: int, at_rest: bool) -> JointFacts:
     q, qd, tau = samples.q[:, n], samples.qd[:, n], samples.tau[:, n]
     reversals = None if at_rest else sum(
         max(0, len(reversals_of(q[run], _OPTIONS.min_travel)) - 1) for run in run_slices(samples))
     return JointFacts(
         float(q.min()), float(q.max()), float(np.abs(qd).max()), float(np.sqrt(np.mean(qd ** 2))),
         reversals, float(tau.min()), float(tau.max()), float(tau.std()),
-        shares(samples.q, samples.qd, samples.tau, n).pose,
-        float(np.ptp(slow.q[:, n])) if len(slow) else 0.0)
+        shares(samples.q, samples.qd, samples.tau, n).pose)
 
 
 def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, total: int,
@@ -124,17 +118,6 @@ def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, to
         return [_noted((), f'short: the gate keeps {kept} of {total} samples',
                        'too few to evaluate a model')]
     return []
-
-
-def _slow_facts(joints: dict[str, JointFacts], slow_share: float) -> list[Fact]:
-    """Return a fact if the slow samples cover little of the recorded travel."""
-    missed = {name: f'{name} ({facts.slow_travel:.2g} of {facts.travel:.2g} rad)'
-              for name, facts in joints.items() if facts.travel >= _OPTIONS.min_travel
-              and facts.slow_travel < _OPTIONS.min_slow * facts.travel}
-    if slow_share < _OPTIONS.min_slow or not missed:
-        return []
-    return [_noted(tuple(missed),
-                   f'slow samples cover little of the motion: {", ".join(missed.values())}')]
 
 
 def _travel_facts(joints: dict[str, JointFacts], at_rest: bool) -> list[Fact]:

@@ -59,7 +59,7 @@ class FactOptions:
     # Ratio of the variances of the step and of the position, under which positions are those of a
     # motion rather than poses in a random order (2).
     smooth: float = 0.2
-    # Share of slow samples, and of the travel that they cover, below which a recording is fast.
+    # Share of slow samples below which a recording is fast.
     min_slow: float = 0.2
     # Share of the effort's variance that depends on the pose, if gravity acts on the joint, and of
     # the rest that the direction of motion explains, for a decision on the sign on several joints.

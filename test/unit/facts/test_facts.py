@@ -326,7 +326,7 @@ def test_facts_by_hand():
     a, b = facts.joints['a'], facts.joints['b']
     assert (a.q_min, a.q_max, a.travel, a.max_speed, a.reversals) == (0, 2, 2, 2, 1)
     assert a.rms_speed == pytest.approx(np.sqrt(7 / 5))
-    assert (a.tau_min, a.tau_max, a.slow_travel) == (1, 7, 2)
+    assert (a.tau_min, a.tau_max) == (1, 7)
     assert (b.travel, b.reversals, b.tau_std) == (0, 0, 0)
     assert facts.slow_share == pytest.approx(0.8) and facts.kept == 4
     assert any('never moves: b' in text for text in facts.remarks)
