@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> Answer:
     """Add effects or undo the last addition; write the model."""
     _check_usage(args)
     model = load_model(args.model)
-    return _undo(args, model) if args.undo else _add(args, model)
+    return reading.undo(args, model, args.model) if args.undo else _add(args, model)
 
 
 def _check_usage(args: argparse.Namespace) -> None:
@@ -59,17 +59,6 @@ def _check_usage(args: argparse.Namespace) -> None:
         args.parser.error('--undo removes the last addition; it takes no effect and no bag')
     if not args.undo and not (args.effects and args.bags):
         args.parser.error('name an effect and at least one bag, or give --undo')
-
-
-def _undo(args: argparse.Namespace, model: GravityModel) -> Answer:
-    back = reading.undo(args, model, args.model)
-    step = back.history[-1]
-    remaining = [effect.target for effect in back.applied.effects]
-    removed = 'would be removed from' if args.dry_run else 'removed from'
-    return Answer({'model': str(args.model), 'removed': list(step.effects),
-                   'effects': remaining, 'written': not args.dry_run},
-                  [f'{", ".join(step.effects)} {removed} {args.model}; remaining effects: '
-                   f'{", ".join(remaining) or "none"}'])
 
 
 def _add(args: argparse.Namespace, model: GravityModel) -> Answer:

@@ -10,7 +10,7 @@ from pathlib import Path
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import arguments, terminal
-from gravity_comp_ros.commands.terminal import ProgressCallback
+from gravity_comp_ros.commands.terminal import Answer, ProgressCallback
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.robot_tree import arm_joints
@@ -133,9 +133,9 @@ def fitted_gate(args: argparse.Namespace, model: GravityModel) -> GateOptions | 
     return None if fitted['all_samples'] else GateOptions(fitted['max_speed'], fitted['rate_hz'])
 
 
-def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> GravityModel:
+def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> Answer:
     """
-    Return the model before its last change; write it unless this is a dry run.
+    Write the model before its last change, unless this is a dry run.
 
     :raises OptionError: if the model has no change to undo.
     """
@@ -145,7 +145,12 @@ def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> Gravity
         raise OptionError(f'{args.model}: {problem}') from problem
     if not args.dry_run:
         save_model(output, back)
-    return back
+    effects, rest = back.history[-1].effects, [effect.target for effect in back.applied.effects]
+    removed = 'would be removed from' if args.dry_run else 'removed from'
+    return Answer({'model': str(output), 'removed': list(effects), 'effects': rest,
+                   'written': not args.dry_run},
+                  [f'{", ".join(effects)} {removed} {output}; remaining effects: '
+                   f'{", ".join(rest) or "none"}'])
 
 
 def refit_lines(result: Refit) -> list[terminal.Line]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 import shlex
 
@@ -72,10 +73,8 @@ def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> Answer
     if last is not None and last.action != UPDATED:
         raise OptionError(f'the last change of {args.model} is not an update but the addition of '
                           f'{", ".join(last.effects)} (`gravity_comp add --undo`)')
-    reading.undo(args, model, target)
-    undone = 'would be undone' if args.dry_run else 'undone'
-    return Answer({'model': str(target), 'undone': UPDATED, 'written': not args.dry_run},
-                  [f'last update of {target} {undone}'])
+    answer = reading.undo(args, model, target)
+    return replace(answer, document={**answer.document, 'undone': UPDATED})
 
 
 def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> Answer:
