@@ -153,7 +153,7 @@ def _described(reports: Sequence[ReadReport], joints: Sequence[str], options: Ar
     from gravity_comp_ros.description.links import described_arm
     from gravity_comp_ros.description.robot_tree import arm_joints
     chosen, left_out = arm_joints(text, joints, source) if choose else (tuple(joints), {})
-    held = _held_positions(reports, options.fixed, text, chosen, source)
+    held = held_positions(reports, options.fixed, text, chosen, source)
     geometry = described_arm(text, chosen, source, held).geometry
     masses = ', its masses as a prior of the inertias' if geometry.inertials.any() else ''
     notes = [f'axes from {source}{masses}']
@@ -164,7 +164,7 @@ def _described(reports: Sequence[ReadReport], joints: Sequence[str], options: Ar
                     options.file is not None, tuple(left_out), tuple(notes))
 
 
-def _held_positions(reports: Sequence[ReadReport], fixed: Mapping[str, float],
+def held_positions(reports: Sequence[ReadReport], fixed: Mapping[str, float],
                     text: str | bytes, joints: Sequence[str], source: str) -> HeldPositions:
     """Return the positions of the other joints on the path, from the options or recordings."""
     from gravity_comp_ros.description.urdf import held_joints, HeldPositions

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from gravity_comp_ros.api.axes import held_positions
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import arguments, terminal
@@ -107,15 +108,17 @@ def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[s
 
 def described(args: argparse.Namespace, recording: Recording) -> DescribedArm:
     """
-    Return the arm of the recorded joints in the description; those of --fixed are held.
+    Return the arm of the recorded joints in the description; others are held.
 
-    :raises DataError: if there is none.
+    :raises DataError: if there is none, or a joint that carries the arm moves.
     """
     description = find_description(args.urdf, [report.path for report in recording.reports])
     if description is None:
         raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
     joints, _ = arm_joints(description.text, recording.joints, description.source)
-    return described_arm(description.text, joints, description.source, HeldPositions(args.fixed))
+    held = held_positions(recording.reports, args.fixed, description.text, joints,
+                          description.source)
+    return described_arm(description.text, joints, description.source, held)
 
 
 def arm_of_model(args: argparse.Namespace, model: GravityModel) -> DescribedArm:

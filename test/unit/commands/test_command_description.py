@@ -93,3 +93,16 @@ def test_a_waist_that_is_not_a_joint_of_the_model(bags, bag, fixed, value, by):
 def test_a_moving_waist_is_reported(bags):
     assert ('joint waist moves by 0.199 during the recordings'
             in known(bags / 'moving', JOINTS).problem)
+
+
+@pytest.mark.parametrize('bag, fixed, value', [
+    ('leaning', [], WAIST), ('lacking', ['--fixed', f'waist={WAIST}'], WAIST),
+    ('lacking', [], 0.0)])
+def test_check_holds_a_waist_where_it_was_recorded(bags, tmp_path, bag, fixed, value):
+    assert main(['check', str(bags / bag), '--joints', ','.join(JOINTS), *fixed, '--json',
+                 str(tmp_path / 'faults.json')]) == 3
+    faults = [fault['sentence'] for fault in json.loads(
+        (tmp_path / 'faults.json').read_text())['faults']]
+    # The gripper of the description is not on the recorded arm.
+    assert any(sentence.startswith('the mass of tip') for sentence in faults)
+    assert (len(faults) == 1) == (value == WAIST), faults
