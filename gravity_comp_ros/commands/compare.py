@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     samples = recording.slow
     comparison = compare_model(model, recording)
     since = None if previous is None else drift(previous, model, samples)
-    shown = replace(comparison, joints={name: comparison.joints[name] for name in selected})
+    listed = replace(comparison, joints={name: comparison.joints[name] for name in selected})
     diagnose = next_step.command('diagnose', args, model=args.model)
     if args.html:
         before, name = _previous(args, model, previous, recording)
@@ -82,15 +82,15 @@ def run(args: argparse.Namespace) -> terminal.Answer:
             args, model, recording.samples, comparison, _samples_text(samples, recording),
             recording.reports, previous=before, previous_name=name, displayed=selected,
             next_command=diagnose)
-    document = {**shown.to_json(), 'model': args.model.name, 'fitted_to': fitted,
+    document = {**listed.to_json(), 'model': args.model.name, 'fitted_to': fitted,
                 'previous': None if since is None else {
                     'model': args.previous.name, **since.to_json()}, **recording.to_json()}
     few = not args.all_samples and samples.n_samples < FactOptions().min_slow_samples
-    errors = shown.table(noise=dict(zip(model.joints, model.noise.tolist())))
+    errors = listed.table(noise=dict(zip(model.joints, model.noise.tolist())))
     title = f'error of the model, {counted(samples.n_samples, "sample")}'
     return terminal.Answer(
         document, [*reading.lines(recording), '',
-                   terminal.table(title, errors.columns, errors.rows), *_failures(shown),
+                   terminal.table(title, errors.columns, errors.rows), *_failures(listed),
                    *([] if since is None else _drift_lines(args.previous.name, selected, since)),
                    *next_step.lines('identify missing effects', diagnose)],
         [*reading.scale_warnings(model, recording.reports),

@@ -103,13 +103,13 @@ class UploadHandler(Handler):
             self.refuse(415, 'upload one file that ends in .mcap or .db3')
         elif not size.isdecimal() or int(size) > MAX_BYTES:
             self.refuse(413, f'the file is larger than {MAX_BYTES >> 30} GiB: name it on the '
-                         f'command line of the workbench')
+                        f'command line of the workbench')
         else:
             folder = self.sessions.upload_folder(session.id)
             kept = sum(path.stat().st_size for path in folder.parent.rglob('*') if path.is_file())
             if kept + int(size) > MAX_TOTAL:
                 self.refuse(507, f'all uploaded recordings together would be larger than '
-                             f'{MAX_TOTAL >> 30} GiB: delete some in {folder.parent}')
+                            f'{MAX_TOTAL >> 30} GiB: delete some in {folder.parent}')
                 return
             # The default limit of tornado is smaller.
             self.request.connection.set_max_body_size(MAX_BYTES)  # type: ignore[union-attr]

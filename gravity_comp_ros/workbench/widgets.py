@@ -45,7 +45,7 @@ const address = (path, more = {}) => {
   for (const [name, value] of Object.entries(more)) url.searchParams.set(name, value)
   return url
 }
-let key = '', view = 'Summary', shown = {}, kept = {}, before = {}
+let key = '', view = 'Summary', loaded = {}, kept = {}, before = {}
 
 // The joint that the user has selected, and the selected samples, as long as they are the same.
 const selection = () => {
@@ -77,7 +77,7 @@ frame.addEventListener('load', async () => {
 const show = (parts) => {
   const focused = document.activeElement.id
   for (const [place, html] of Object.entries(parts))
-    if (at(place) && shown[place] !== html) at(place).innerHTML = shown[place] = html
+    if (at(place) && loaded[place] !== html) at(place).innerHTML = loaded[place] = html
   for (const link of document.querySelectorAll('[data-file]'))
     link.href = address('file/' + link.dataset.file)
   // A pressed button that has gone moves the focus to the result, for screen readers.
@@ -99,7 +99,7 @@ const listen = async () => {
       tag = parts.tag
       show(parts)
     } catch {
-      at('status').innerHTML = shown.status = '<p class="warning">The workbench is stopped.</p>'
+      at('status').innerHTML = loaded.status = '<p class="warning">The workbench is stopped.</p>'
       tag = ''
       await new Promise(done => setTimeout(done, 2000))
     }

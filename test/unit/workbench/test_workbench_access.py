@@ -92,8 +92,8 @@ def test_only_the_token_opens_the_page_and_only_a_page_changes_a_session(served)
     assert status == 302 and 'session=' in headers['Location']
     assert served.request('/', Host='evil.example')[0] == 403
     assert served.request(f'/shown?token={TOKEN}&session=other')[0] == 404
-    shown = json.loads(served.request(f'/shown{rest}')[1])
-    assert '<h1>' in shown['verdict'] and 'run.mcap' in shown['settings']
+    state = json.loads(served.request(f'/shown{rest}')[1])
+    assert '<h1>' in state['verdict'] and 'run.mcap' in state['settings']
     body = json.dumps({'what': 'cancel', 'value': '', 'form': []})
     for headers in ({}, {'Origin': 'http://evil.example'}):
         assert served.request(f'/act{rest}', 'POST', body, **headers)[0] == 403
