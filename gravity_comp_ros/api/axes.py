@@ -165,7 +165,7 @@ def _described(reports: Sequence[ReadReport], joints: Sequence[str], options: Ar
 
 
 def held_positions(reports: Sequence[ReadReport], fixed: Mapping[str, float],
-                    text: str | bytes, joints: Sequence[str], source: str) -> HeldPositions:
+                   text: str | bytes, joints: Sequence[str], source: str) -> HeldPositions:
     """Return the positions of the other joints on the path, from the options or recordings."""
     from gravity_comp_ros.description.urdf import held_joints, HeldPositions
     names = [name for name in held_joints(text, joints, source) if name not in fixed]
