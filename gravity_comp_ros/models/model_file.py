@@ -123,4 +123,4 @@ def model_to_json(model: GravityModel) -> dict[str, Any]:
         # Through JSON and back, so that the checksum is that of the parsed file.
         return dict(json.loads(json.dumps(body, allow_nan=False)))
     except (TypeError, ValueError) as problem:
-        raise ModelFileError(f'this model has no file: {problem}') from problem
+        raise ModelFileError(f'cannot write this model: {problem}') from problem

@@ -1,17 +1,15 @@
 """
-Noise model of each joint's torque, estimated from the residual.
+Noise of each joint's torque, estimated from the residual.
 
 Torque sensors and motor currents have an absolute error and one that grows with the load, so
 
-    sigma_n(tau)^2 = a_n^2 + b_n^2 tau_n^2.
+    sigma_n(tau)^2 = a_n^2 + b_n^2 tau_n^2 = a_n^2 (1 + c_n tau_n^2 / mean(tau_n^2)).
 
-Rows are weighted by 1 / sigma_n. tau is the predicted torque, because weights from the measured
-torque would be correlated with the noise.
+tau is the predicted torque, because weights from the measured torque would be correlated with the
+noise.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 from gravity_comp_ros.data.constants import MAD
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
@@ -32,23 +30,6 @@ _GROWTH = np.geomspace(0.1, 1e4, 20)
 OUTLIER = 4.0
 # Correlation times of white noise are estimated below this, in samples.
 WHITE = 2.0
-
-
-@dataclass(frozen=True, eq=False)
-class NoiseModel:
-    """Standard deviations: `absolute` a (N,) in N·m and `relative` b (N,), a fraction."""
-
-    absolute: FloatArray
-    relative: FloatArray
-
-    def sigma(self, predicted: FloatArray) -> FloatArray:
-        """Return sigma for predicted torques (M, N), in N·m."""
-        return np.sqrt(self.absolute ** 2 + (self.relative * predicted) ** 2)
-
-    def is_close_to(self, other: NoiseModel) -> bool:
-        """Return whether two estimates yield nearly the same weights."""
-        return bool(np.allclose(self.absolute, other.absolute, rtol=0.05)
-                    and np.allclose(self.relative, other.relative, rtol=0.1, atol=1e-4))
 
 
 def floor(tau: FloatArray) -> float:
@@ -92,34 +73,16 @@ def is_outlier(weights: FloatArray) -> BoolArray:
     return np.asarray(weights < 0.25)
 
 
-def first_guess(tau: FloatArray) -> NoiseModel:
+def remaining_std(residual: FloatArray, used: FloatArray, minimum: float) -> FloatArray:
     """
-    Return the initial noise: each joint's torque RMS.
+    Return the standard deviation (N,) of the noise of residuals (M, N), in their unit.
 
-    Each round of a fit then explains the coarser part of the previous residual, and noise is not
-    fitted as signal because of an underestimated standard deviation.
-    """
-    rms = np.sqrt((tau ** 2).mean(axis=0))
-    return NoiseModel(np.maximum(rms, floor(tau)), np.zeros(tau.shape[1]))
-
-
-def estimate(residual: FloatArray, predicted: FloatArray, minimum: float,
-             used: FloatArray) -> NoiseModel:
-    """
-    Return the noise model of residuals (M, N).
-
-    :param predicted: predicted torques (M, N), N·m.
-    :param minimum: minimum standard deviation (`floor`), N·m.
     :param used: degrees of freedom of the fit on each joint (N,).
+    :param minimum: minimum standard deviation (`floor`).
     """
     m = len(residual)
     share = np.maximum((m - used) / m, 0.1)
-    mean = (predicted ** 2).mean(axis=0)
-    c = np.array([growth(*columns) for columns in zip(residual.T, predicted.T)])
-    spread = 1.0 + c * predicted ** 2 / np.maximum(mean, 1e-300)
-    variance = (residual ** 2 / spread).mean(axis=0) / share
-    relative = np.sqrt(variance * c / np.maximum(mean, 1e-300))
-    return NoiseModel(np.maximum(np.sqrt(variance), minimum), relative)
+    return np.asarray(np.maximum(np.sqrt((residual ** 2).mean(axis=0) / share), minimum))
 
 
 def growth(residual: FloatArray, torque: FloatArray) -> float:

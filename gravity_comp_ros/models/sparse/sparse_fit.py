@@ -19,8 +19,6 @@ that accuracy.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse.dictionary import Expansion
@@ -72,41 +70,24 @@ def fit_sparse(problem: SparseProblem) -> SparseFit:
     :raises FitError: if there are no samples.
     """
     grown = grow(problem)
-    inflation = choose_inflation(problem, grown).inflation
+    inflation = choose_inflation(problem, grown)
     return finish(problem, prune(problem, grown, inflation), inflation)
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The selected factor; the tried ones with their held-out errors, in units of the noise."""
-
-    inflation: float
-    correlation_time: float
-    tried: tuple[float, ...]
-    errors: tuple[float, ...]
-
-
-def choose_inflation(problem: SparseProblem, grown: SupportFit) -> Choice:
+def choose_inflation(problem: SparseProblem, grown: SupportFit) -> float:
     """Return the variance inflation factor for a grown support."""
-    residual = grown.residual(problem)
-    time = correlation_time(problem, grown)
+    times = noise.correlation_times(grown.residual, problem.runs)
+    time = float(np.median(times))
     tried = [k for k in _FACTORS if k == 1.0 or k < 2.0 * time]
     if time < noise.WHITE or len(tried) < 2:
-        return Choice(1.0, time, (1.0,), ())
-    scale = np.sqrt((residual ** 2).mean(axis=0)) + noise.floor(problem.tau)
+        return 1.0
+    scale = np.sqrt((grown.residual ** 2).mean(axis=0)) + noise.floor(problem.tau)
     errors = np.array([_held_out(problem, problem.fold == k, tried, scale)
                        for k in np.unique(problem.fold)])
-    mean = errors.mean(axis=0)
-    best = int(np.argmin(mean))
+    best = int(np.argmin(errors.mean(axis=0)))
     excess = errors - errors[:, [best]]
     allowed = excess.mean(axis=0) <= excess.std(axis=0, ddof=1) / np.sqrt(len(errors))
-    selected = max(k for k, is_allowed in zip(tried, allowed) if is_allowed or k == tried[best])
-    return Choice(selected, time, tuple(tried), tuple(mean.tolist()))
-
-
-def correlation_time(problem: SparseProblem, fit: SupportFit) -> float:
-    """Return the median over the torques of the residual's correlation time, in samples."""
-    return float(np.median(noise.correlation_times(fit.residual(problem), problem.runs)))
+    return max(k for k, is_allowed in zip(tried, allowed) if is_allowed or k == tried[best])
 
 
 def _held_out(problem: SparseProblem, test: BoolArray, tried: list[float],

@@ -30,7 +30,8 @@ import numpy as np
 
 DesignType = Callable[[FloatArray, FloatArray], Design]
 
-_ROUNDS = 20
+# Maximum number of rounds, and relative change of the noise at which they end.
+_ROUNDS, _CONVERGED = 20, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +60,9 @@ class SparseProblem:
         """The design without weights, with all quantities that depend on the poses only."""
         return self.design_type(self.q, np.ones(self.tau.shape))
 
-    def weighted(self, model: noise.NoiseModel, predicted: FloatArray,
-                 inflation: float) -> tuple[Design, FloatArray]:
-        """Return the design and the right-hand side in units of the noise."""
-        weights = 1.0 / (model.sigma(predicted) * np.sqrt(inflation))
+    def weighted(self, sigma: FloatArray, inflation: float) -> tuple[Design, FloatArray]:
+        """Return the design and the right-hand side in units of the noise sigma (J,) in N·m."""
+        weights = np.broadcast_to(1.0 / (sigma * np.sqrt(inflation)), self.tau.shape)
         return self.unweighted.reweighted(weights), (weights * self.tau).T.ravel()
 
     def predict(self, indices: IntArray, x: FloatArray) -> FloatArray:
@@ -77,20 +77,12 @@ class SparseProblem:
 
 @dataclass(frozen=True, eq=False)
 class SupportFit:
-    """
-    A support with its refit and derived quantities.
-
-    `noise` is the noise model, `predicted` (M, J) the gravity torque in N·m.
-    """
+    """A support with its refit, its residual (M, J) and the noise sigma (J,) in N·m."""
 
     refit: support.Refit
-    noise: noise.NoiseModel
-    predicted: FloatArray
+    residual: FloatArray
+    sigma: FloatArray
     rounds: int
-
-    def residual(self, problem: SparseProblem) -> FloatArray:
-        """Return the residual (M, J) in N·m."""
-        return np.asarray(problem.tau - self.predicted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,11 +109,13 @@ def grow(problem: SparseProblem) -> SupportFit:
     """
     if not problem.tau.size:
         raise FitError('no samples to fit')
-    start = SupportFit(support.Refit.empty(), noise.first_guess(problem.tau),
-                       np.zeros(problem.tau.shape), 0)
-    design, b = problem.weighted(start.noise, start.predicted, 1.0)
-    proposal = propose(design, b, problem).indices
-    return _converged(problem, replace(start, refit=replace(start.refit, indices=proposal)), 1.0)
+    # Each round then explains the coarser part of the residual, and noise is not fitted as signal
+    # because of an underestimated standard deviation.
+    sigma = noise.remaining_std(problem.tau, np.zeros(problem.tau.shape[1]),
+                                noise.floor(problem.tau))
+    proposal = propose(*problem.weighted(sigma, 1.0), problem).indices
+    refit = replace(support.Refit.empty(), indices=proposal)
+    return _converged(problem, SupportFit(refit, problem.tau, sigma, 0), 1.0)
 
 
 def prune(problem: SparseProblem, grown: SupportFit, inflation: float) -> SupportFit:
@@ -131,7 +125,7 @@ def prune(problem: SparseProblem, grown: SupportFit, inflation: float) -> Suppor
 
 def finish(problem: SparseProblem, fit: SupportFit, inflation: float) -> SparseFit:
     """Solve the L1 problem at the final noise, keep the better support, add its equivalents."""
-    design, b = problem.weighted(fit.noise, fit.predicted, inflation)
+    design, b = problem.weighted(fit.sigma, inflation)
     solution = propose(design, b, problem)
     gram = support.gram_of(design, problem.usable)
     finals = [support.select_support(design, b, start, problem.n_joints, problem.usable, gram)
@@ -153,23 +147,22 @@ def propose(design: Design, b: FloatArray, problem: SparseProblem) -> LassoSolut
 def _converged(problem: SparseProblem, fit: SupportFit, inflation: float) -> SupportFit:
     """Select the support and estimate the noise in turn, until both converge."""
     for rounds in range(1, _ROUNDS + 1):
-        design, b = problem.weighted(fit.noise, fit.predicted, inflation)
+        design, b = problem.weighted(fit.sigma, inflation)
         refit = support.select_support(design, b, fit.refit.indices, problem.n_joints,
                                        problem.usable)
         last, fit = fit, _with_noise(problem, refit, fit.rounds + 1)
         if rounds > 1 and np.array_equal(refit.indices, last.refit.indices) \
-                and fit.noise.is_close_to(last.noise):
+                and np.allclose(fit.sigma, last.sigma, rtol=_CONVERGED):
             break
     return fit
 
 
 def _with_noise(problem: SparseProblem, refit: support.Refit, rounds: int) -> SupportFit:
-    """Return a refit with its predicted torque and the noise estimated from its residual."""
+    """Return a refit with its residual and the noise estimated from it."""
     columns = problem.unweighted.columns(refit.indices)
-    predicted = (columns @ refit.x).reshape(problem.tau.shape[1], -1).T
-    model = noise.estimate(problem.tau - predicted, predicted, noise.floor(problem.tau),
-                           _spent(columns, problem))
-    return SupportFit(refit, model, predicted, rounds)
+    residual = problem.tau - (columns @ refit.x).reshape(problem.tau.shape[1], -1).T
+    sigma = noise.remaining_std(residual, _spent(columns, problem), noise.floor(problem.tau))
+    return SupportFit(refit, residual, sigma, rounds)
 
 
 def _spent(columns: FloatArray, problem: SparseProblem) -> FloatArray:
