@@ -17,8 +17,7 @@ from typing import Any
 
 from bench.paper.methods import Fitted
 from bench.paper.scenes import FloatArray, Scene
-from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.chain import Chain, expand
 from gravity_comp_ros.models.kinematic.geometry import STANDARD_GRAVITY
 from gravity_comp_ros.simulation import arms
 import numpy as np

@@ -11,7 +11,7 @@ the torso lift is left out.
 
 The first 70 % of each recording are fitted and diagnosed, the last 30 % are compared. Errors are
 RMSE over the standard deviation of the torque, in percent, joint by joint, with their mean: of
-the default fit, and after `add` of the findings. For known axes the loop is repeated with the
+a fit of all samples, and after `add` of the findings. For known axes the loop is repeated with the
 arm's description and compared with an independent reference: Pinocchio's regressor with Coulomb
 and viscous friction and offset of every joint, by least squares.
 """
@@ -78,14 +78,15 @@ def table(path: Path) -> gc.Recording:
 
 def loop(early: gc.Recording, later: gc.Recording, urdf: Path | None) -> None:
     """Fit, diagnose, add, and print the errors after each."""
+    early = gc.Recording(early.samples, gate=None)
     model = gc.fit(early, urdf=urdf)
     show('fit', model, later)
-    findings = gc.diagnose(gc.Recording(early.samples, gate=None), model).findings
+    findings = gc.diagnose(early, model).findings
     for finding in findings:
         print(f'    {finding.effect or "unexplained"} on {finding.joint or "the arm"}: '
               f'{finding.verdict}')
     try:
-        model = gc.add_effects(model, early, findings, all_samples=True)
+        model = gc.add_effects(model, early, findings)
     except gc.GravityCompError as problem:
         print(f'    refused: {problem}')
     show('add', model, later)

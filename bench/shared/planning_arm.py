@@ -5,8 +5,7 @@ from dataclasses import replace
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.chain import Chain, expand
 import numpy as np
 
 NAMES = ('shoulder', 'elbow', 'wrist')

@@ -12,9 +12,8 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
 from gravity_comp_ros.regression.options import EngineOptions
-from gravity_comp_ros.regression.prior import Prior
+from gravity_comp_ros.regression.prior import Prior, Scale
 from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.term import Term
 import numpy as np

@@ -19,8 +19,7 @@ from bench.shared.stored import row_of, table
 from bench.solver.solvers import (
     eq17, factors, long_arm, OTHERS, OURS, Problem, random_poses, relative_gap, Solver)
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
-from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
-from gravity_comp_ros.models.sparse.sparse_problem import SparseProblem
+from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse, SparseProblem
 import numpy as np
 
 # Required relative duality gap.

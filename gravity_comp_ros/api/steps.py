@@ -25,9 +25,9 @@ from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.estimation.axis_directions import joint_order_from_torques
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit, fit_again, FitResult
-from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
 from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.refit import Refit, refit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection

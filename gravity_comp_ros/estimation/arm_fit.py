@@ -14,9 +14,8 @@ from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, J
 from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.arm_solver import (
-    ArmSolver, ArmState, cost_of, Unknowns)
+    ArmSolver, ArmState, cost_of, search, Unknowns)
 from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_search import search
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.start import arm_problem, generic_poses

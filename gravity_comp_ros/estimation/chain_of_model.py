@@ -18,8 +18,7 @@ from gravity_comp_ros.errors import FitError, ModelMismatchError
 from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.chain import Chain, expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
 from gravity_comp_ros.regression.engine import regress
 from gravity_comp_ros.regression.known_axes import KnownAxes

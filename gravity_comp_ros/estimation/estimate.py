@@ -19,13 +19,10 @@ from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
-from gravity_comp_ros.estimation.residuals import (
-    held_out_ratio, is_white, samples_of_rows, torque_at_rest)
 from gravity_comp_ros.models.gravity_model import FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.sparse.identifiability import at_rest
-from gravity_comp_ros.models.sparse.sparse_fit import fit_per_joint, fit_potential
-from gravity_comp_ros.models.sparse.sparse_problem import SparseFit
+from gravity_comp_ros.models.sparse.dictionary import at_rest
+from gravity_comp_ros.models.sparse.sparse_fit import fit_per_joint, fit_potential, SparseFit
 from gravity_comp_ros.regression.common_settings import common_of, with_common
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.engine import regress, Regression
@@ -191,11 +188,11 @@ class _Work:
         why = 'it was requested' if self.options.formulation == 'chain' else self._accepted(chain)
         if why:
             return Estimate(chain, 'chain', why, warning=warning)
-        errors = {'chain': held_out_ratio(chain, chain.noise)}
+        errors = {'chain': chain.held_out_ratio(chain.noise)}
         # Its own effects are searched for only where it is the better one with those of the chain.
         for sparse in (partial(self.sparse_with, chain), self.sparse):
             potential = sparse('potential', '')
-            errors['potential'] = held_out_ratio(potential.regression, chain.noise)
+            errors['potential'] = potential.regression.held_out_ratio(chain.noise)
             if errors['potential'] >= errors['chain']:
                 break
         best, other = sorted(errors, key=lambda name: errors[name])
@@ -210,7 +207,7 @@ class _Work:
         if self.problem.samples.n_joints > self.options.max_potential_joints:
             return (f'the potential is not tried on more than {self.options.max_potential_joints} '
                     f'joints')
-        if is_white(chain, self.options.white):
+        if chain.is_white(self.options.white):
             return 'the residual of the chain is white'
         if (chain.noise < self.options.small * self.problem.scale.torque).all():
             return 'the residual of the chain is small relative to gravity'
@@ -222,7 +219,7 @@ class _Work:
         if geometry is None:
             return self.regress(self._start()), ''
         known = self.regress(self._known(geometry))
-        if is_white(known, self.options.white):
+        if known.is_white(self.options.white):
             return known, ''
         free = self.regress(self._start())
         worst = int(np.argmax(known.noise / free.noise))
@@ -268,13 +265,13 @@ class _Work:
         self.report('ADMM', 0.5)
         moving = tuple(effect for effect in self.effects if not effect.is_static)
         first = replace(self, effects=moving).regress(self.first_support(formulation))
-        shared, fits = self._support(formulation, torque_at_rest(first))
+        shared, fits = self._support(formulation, first.torque_at_rest())
         return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
 
     def sparse_with(self, known: Regression, formulation: str, why: str) -> Estimate:
         """Return the same with the terms of a regression of these rows, not searched for again."""
         self.report('ADMM', 0.5)
-        shared, fits = self._support(formulation, torque_at_rest(known))
+        shared, fits = self._support(formulation, known.torque_at_rest())
         return Estimate(self.regress_terms(shared, known.terms), formulation, why, fits=fits)
 
     def first_support(self, formulation: str) -> Shared:
@@ -284,7 +281,7 @@ class _Work:
     def _support(self, formulation: str, torque: FloatArray
                  ) -> tuple[Shared, tuple[SparseFit, ...]]:
         """Return the columns that ADMM selects from a gravity torque (R, N)."""
-        rows, fold = samples_of_rows(self.problem, torque), self.problem.rows.fold
+        rows, fold = self.problem.means(torque), self.problem.rows.fold
         if formulation == 'potential':
             energy, fits = fit_potential(rows, fold)
             return Energy(energy), tuple(fits)

@@ -15,7 +15,7 @@ from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, target, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.chain import expand
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.known_axes import KnownAxes

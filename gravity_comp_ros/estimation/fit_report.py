@@ -11,13 +11,12 @@ from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.estimate import Estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
-from gravity_comp_ros.estimation.residuals import is_white, samples_of_rows
 from gravity_comp_ros.estimation.robust import Outliers, outliers
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import zero_angle_differences
-from gravity_comp_ros.models.sparse.identifiability import at_rest
-from gravity_comp_ros.models.sparse.sparse_problem import SparseFit
+from gravity_comp_ros.models.sparse.dictionary import at_rest
+from gravity_comp_ros.models.sparse.sparse_fit import SparseFit
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.regression.vertical import base_tilt_angle, MAX_FITTED_TILT
 import numpy as np
@@ -105,7 +104,7 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions
         limits = _zero_angle_limits(estimate)
         zeros = {name: angle for name, angle in zeros.items() if abs(angle) > limits[name]}
     anywhere = std_over_poses(model)
-    spoilt = outliers(samples_of_rows(problem, problem.y), problem.n_measured,
+    spoilt = outliers(problem.means(problem.y), problem.n_measured,
                       regression.posterior.unweighted_residual())
 
     def by_joint(values: NDArray[Any]) -> dict[str, Any]:
@@ -118,7 +117,7 @@ def build_report(model: GravityModel, estimate: Estimate, options: FitOptions
         model.formulation, estimate.why, estimate.held_out, used.n_samples, used.n_runs,
         problem.rows.n_rows, by_joint(model.n_features()),
         by_joint(model.noise), by_joint(model.noise_with_nuisance), model.fitted, estimate.fits,
-        dropped, tuple(line for line in lines if line), is_white(regression, options.white),
+        dropped, tuple(line for line in lines if line), regression.is_white(options.white),
         regression.steps, known, tilt, zeros, by_joint(anywhere) if anywhere.size else {},
         spoilt)
 

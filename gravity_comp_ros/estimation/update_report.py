@@ -12,7 +12,7 @@ from gravity_comp_ros.estimation.update_step import PayloadEstimate, UpdateStep
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse.admm import AdmmResult
 from gravity_comp_ros.regression.options import EngineOptions
-from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.prior import Scale
 import numpy as np
 
 # Minimum number of samples from which the noise, and with it the intervals, are reliable.

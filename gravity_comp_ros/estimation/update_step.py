@@ -22,8 +22,7 @@ from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.payload_path import path_moments
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.chain import Chain, expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.sparse_change import Change
 import numpy as np

@@ -27,7 +27,7 @@ from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmState, Nuisance
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import WHITE
-from gravity_comp_ros.models.sparse.identifiability import at_rest
+from gravity_comp_ros.models.sparse.dictionary import at_rest
 from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.planning.segments import duration, Limits, sampled, through
 from gravity_comp_ros.regression.options import EngineOptions

@@ -8,8 +8,8 @@ from functools import cached_property
 
 from gravity_comp_ros.effects.effect import Effect, Expectation, Setting, Sizes
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.regression.prior import Scale
 from gravity_comp_ros.regression.rows import Rows
-from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.term import Key, Term
 import numpy as np
 

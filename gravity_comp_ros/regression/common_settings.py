@@ -11,10 +11,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
-from gravity_comp_ros.regression.climb import climbed
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_together
 from gravity_comp_ros.regression.posterior import Posterior
+from gravity_comp_ros.regression.refinement import climbed
 from gravity_comp_ros.regression.term import Term
 
 Common = dict[str, float]

@@ -12,8 +12,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.dictionary import Expansion, torque_of
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
-from gravity_comp_ros.regression.prior import Prior
-from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.prior import Prior, Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
 

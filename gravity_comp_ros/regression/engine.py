@@ -15,12 +15,10 @@ from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.exchanges import run
 from gravity_comp_ros.regression.gains import gain, score_of, without_weak
-from gravity_comp_ros.regression.leave_out import leave_out
 from gravity_comp_ros.regression.linear import gauss_newton, Linear
-from gravity_comp_ros.regression.measured_motion import variance_by_motion
 from gravity_comp_ros.regression.noise import (
-    correlation_times, noise_std, precision_of, relative_weights)
-from gravity_comp_ros.regression.posterior import Posterior, solve
+    correlation_times, noise_std, precision_of, relative_weights, variance_by_motion)
+from gravity_comp_ros.regression.posterior import leave_out, Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.search import Search
 from gravity_comp_ros.regression.shared import Shared
@@ -78,6 +76,33 @@ class Regression:
     def noise(self) -> FloatArray:
         """Return each joint's standard deviation (N,) of the residual of a row, N·m."""
         return noise_std(self.posterior, self.problem.scale, self.problem.options)
+
+    def is_white(self, limit: float) -> bool:
+        """Return whether every joint's residual is close to the white noise of its torque."""
+        return bool((self.noise <= limit * self.problem.white_noise).all())
+
+    def held_out_ratio(self, sigma: FloatArray) -> float:
+        """Return the RMS of the held-out residuals of all joints, in multiples of sigma (N,)."""
+        squares, fold = np.zeros(len(sigma)), self.problem.rows.fold
+        for k in np.unique(fold):
+            without = self.without(fold == k)
+            squares += [float((without.residual(j) ** 2).sum()) for j in range(len(sigma))]
+        return float(np.sqrt((squares / len(fold) / sigma ** 2).mean()))
+
+    def torque_at_rest(self) -> FloatArray:
+        """
+        Return the torque of the rows without dynamics and effects of motion, (R, N) in N·m.
+
+        Static effects are included: those of a wrong gravity explain what it misses.
+        """
+        problem, posterior = self.problem, self.posterior
+        gravity = self.shared.gravity(problem.samples.q)
+        torque = problem.rows.mean(gravity) + posterior.unweighted_residual()
+        for term in posterior.terms:
+            if term.effect.is_static:
+                for j in term.joints(posterior.design.n_joints):
+                    torque[:, j] += term.on(j) @ posterior.beta[posterior.at[term]]
+        return torque
 
 
 def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],

@@ -21,8 +21,7 @@ from gravity_comp_ros.models.kinematic.chain import about_z, Chain, ForwardKinem
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, PARAMETERS
-from gravity_comp_ros.regression.prior import Prior
-from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.prior import Prior, Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
 from scipy.linalg import block_diag

@@ -14,20 +14,32 @@ The published covariance contains it.
 These weights are those of the evidence of a term: a model error could have its shape. It cannot
 have the shape of all columns at once, so coefficients are estimated with the weights of the noise
 alone, `white_precision`.
+
+Angles and speeds have noise too. Friction reverses over a distance that may be as short as that of
+an encoder, so that a row with a reversal has a much larger error than the others (W. A. Fuller,
+Measurement Error Models, 1987). Its variance is that over draws of the noise.
 """
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray
+from dataclasses import replace
+
+from gravity_comp_ros.data.runs import run_slices
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.motion_direction import white_noise
 from gravity_comp_ros.models.noise import correlation_time, growth, WHITE
+from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior
-from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.prior import Scale
 import numpy as np
 
 # Relative change of the weights below which the noise has converged, and maximum number of its
 # estimates.
 CONVERGED, MAX_NOISES = 0.05, 8
+# Number of draws of the noise of the measured motion.
+_DRAWS = 4
 
 
 def noise_std(posterior: Posterior, scale: Scale, options: EngineOptions) -> FloatArray:
@@ -77,3 +89,41 @@ def relative_weights(residual: FloatArray, gravity: FloatArray) -> FloatArray:
             weights[:, j] = 1.0 / (1.0 + growth(r, g) * g ** 2 / max((g ** 2).mean(), 1e-300))
             weights[:, j] /= weights[:, j].mean()
     return weights
+
+
+def variance_by_motion(posterior: Posterior, factory: TermFactory) -> FloatArray:
+    """Return the variance (R, N) in (N·m)^2 of each row by the noise of the measured motion."""
+    motion, noise = factory.motion, _angle_noise(factory.motion.samples)
+    # At the present gravity: the columns of the posterior are of the step before.
+    own = [factory.term(term.effect, term.joint, term.setting) for term in posterior.terms]
+    variance = np.zeros((factory.rows.n_rows, posterior.design.n_joints))
+    for seed in range(_DRAWS):
+        drawn = _factory_of(_with_more_noise(motion, noise, np.random.default_rng(seed)), factory)
+        change = np.zeros_like(variance)
+        for term, clean in zip(posterior.terms, own):
+            other = drawn.term(term.effect, term.joint, term.setting)
+            for j in term.joints(posterior.design.n_joints):
+                change[:, j] += (other.on(j) - clean.on(j)) @ posterior.beta[posterior.at[term]]
+        variance += change ** 2 / _DRAWS
+    return variance
+
+
+def _factory_of(motion: Motion, other: TermFactory) -> TermFactory:
+    return TermFactory(lambda: motion, other.rows, other.scale)
+
+
+def _with_more_noise(motion: Motion, noise: FloatArray, rng: np.random.Generator) -> Motion:
+    """Return a motion with as much white noise of angles (M, N) in rad and of speeds again."""
+    samples = motion.samples
+    q = samples.q + rng.standard_normal(samples.q.shape) * noise
+    qd = samples.qd + rng.standard_normal(samples.q.shape) * motion.speed_noise
+    return replace(motion, samples=replace(samples, q=q, qd=qd),
+                   memo={'speed noise': motion.speed_noise})
+
+
+def _angle_noise(samples: JointSamples) -> FloatArray:
+    """Return the standard deviation (M, N) in rad of the white noise of angles, by run."""
+    noise = np.zeros_like(samples.q)
+    for run in run_slices(samples):
+        noise[run] = white_noise([(samples.q[run], samples.t[run])])
+    return noise

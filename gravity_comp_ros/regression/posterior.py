@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.regression.design import Design
 from gravity_comp_ros.regression.term import Term, total_std
 import numpy as np
@@ -172,3 +172,20 @@ def solve(design: Design, terms: tuple[Term, ...], precision: FloatArray) -> Pos
     covariance = (lower + np.tril(lower, -1).T) * scale
     return Posterior(design, terms, precision, size * cho_solve(factor, size * b), covariance,
                      _places=draft._places)
+
+
+def leave_out(posterior: Posterior, rows: BoolArray, precision: FloatArray | None = None,
+              n_angles: int = 0) -> Posterior:
+    """
+    Return the posterior of the other rows, linearised at the same point.
+
+    It equals the posterior of a problem without these rows at the same noise.
+
+    :param rows: mask (R,) of the rows to leave out.
+    :param precision: weights (N,) of the joints, by default those of the posterior.
+    :param n_angles: number of first parameters that keep their value.
+    """
+    design = posterior.design.without_rows(rows)
+    fixed = design.with_narrow(n_angles) if n_angles else design
+    other = solve(fixed, posterior.terms, posterior.precision if precision is None else precision)
+    return replace(other, design=design)

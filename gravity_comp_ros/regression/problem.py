@@ -10,10 +10,9 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.regression.candidates import TermFactory
-from gravity_comp_ros.regression.condensed import condensed
 from gravity_comp_ros.regression.options import EngineOptions
-from gravity_comp_ros.regression.rows import Rows, rows_of
-from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.prior import Scale
+from gravity_comp_ros.regression.rows import condensed, Rows, rows_of
 from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.states import States, states_of
 from gravity_comp_ros.regression.term import Term
@@ -25,8 +24,8 @@ class Problem:
     """
     Samples with their motion, rows and scales; the same for every linearisation.
 
-    `samples` are those `measured`, or their means (`condensed`). `used` (U,) are the numbers of
-    the measured samples that are fitted, `row_of` (U,) the row of each.
+    `samples` are those `measured`, or their means (`rows.condensed`). `used` (U,) are the numbers
+    of the measured samples that are fitted, `row_of` (U,) the row of each.
     """
 
     measured: JointSamples
@@ -86,6 +85,12 @@ class Problem:
         each = noise.of_second_differences(samples.tau, within)
         return np.maximum(each / np.sqrt(np.median(self.rows.count)),
                           self.options.discrepancy * self.scale.torque)
+
+    def means(self, torque: FloatArray) -> JointSamples:
+        """Return the means over rows as samples, with a torque (R, N) in N·m."""
+        samples, rows = self.samples, self.rows
+        return JointSamples(samples.names, rows.t, rows.mean(samples.q), rows.mean(samples.qd),
+                            torque, rows.run, samples.run_labels)
 
     def factory(self, shared: Shared) -> TermFactory:
         """Return the factory of terms on this motion with the gravity of a shared part."""

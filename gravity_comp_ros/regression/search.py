@@ -14,15 +14,14 @@ from heapq import merge
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.regression.candidates import Candidates, TermFactory
-from gravity_comp_ros.regression.climb import BETTER, climbed
 from gravity_comp_ros.regression.common_settings import common_of, CommonSettings
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import gain_of, inflation, Ranking, score_of
 from gravity_comp_ros.regression.noise import CONVERGED, precision_of
-from gravity_comp_ros.regression.occam import log_volume
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.posterior import Posterior, solve
-from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.prior import Scale
+from gravity_comp_ros.regression.refinement import BETTER, climbed, log_volume
 from gravity_comp_ros.regression.term import is_consistent, Key, Term, with_children_of
 import numpy as np
 

@@ -13,8 +13,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.regression.prior import Prior
-from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.prior import Prior, Scale
 import numpy as np
 
 

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.data.samples import (
-    BoolArray, IntArray, JointSamples, spread_over)
+from gravity_comp_ros.data.samples import BoolArray, IntArray, JointSamples, spread_over
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.errors import FitError
-from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, Nuisance
+from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, Nuisance, search
 from gravity_comp_ros.models.kinematic.chain import in_frames_of_axes
-from gravity_comp_ros.models.kinematic.chain_search import search
 from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_common_terms
 from gravity_comp_ros.regression.noise import noise_std
 from gravity_comp_ros.regression.problem import Problem

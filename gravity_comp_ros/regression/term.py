@@ -22,7 +22,7 @@ class Term:
     that joint or (R, N, K) on all; `prior_std` (K,) the prior standard deviations of the
     coefficients; `log_odds` the prior log odds, divided among the settings that are compared.
     `log_volume` is the logarithm of the share of its cell of settings in which a refined setting
-    lies (`climb.log_volume`), 0 for one that is not refined.
+    lies (`refinement.log_volume`), 0 for one that is not refined.
     """
 
     effect: Effect

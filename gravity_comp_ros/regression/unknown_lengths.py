@@ -27,8 +27,7 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.models.kinematic.arm_columns import (
     ArmMotion, motion_columns, motion_torque_by_tilts)
 from gravity_comp_ros.models.kinematic.chain import about_z, Chain, tilt
-from gravity_comp_ros.regression.prior import Prior
-from gravity_comp_ros.regression.scale import Scale
+from gravity_comp_ros.regression.prior import Prior, Scale
 from gravity_comp_ros.regression.shared import Shared, State
 import numpy as np
 from scipy.linalg import block_diag

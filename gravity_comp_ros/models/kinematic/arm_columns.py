@@ -26,9 +26,9 @@ from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.rigid_body import LinkMotion, matrices_of, regressor
-from gravity_comp_ros.models.kinematic.vectors import (
-    combined, cross, cross_matrices, dot, next_values, outer, prefix_sums, suffix_sums, times)
+from gravity_comp_ros.models.kinematic.rigid_body import (
+    combined, cross, cross_matrices, dot, LinkMotion, matrices_of, next_values, outer, prefix_sums,
+    regressor, suffix_sums, times)
 import numpy as np
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

@@ -9,6 +9,9 @@ The 3^N columns are never built. A feature row is the Kronecker product of the f
 first joints with those of the last, so with the halves L and R (Yu 2022, Eq. 6)
 
     F.T r = vec(L.T diag(r) R).
+
+The sin and cos columns of a joint at rest are collinear with the constant. The features that
+contain them are not selected, so that the solver does not distribute a weight among them.
 """
 
 from __future__ import annotations
@@ -18,13 +21,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from gravity_comp_ros.data.poses import batches
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.errors import DataError
 import numpy as np
 
 ONE, SIN, COS = 0, 1, 2
 # 3^12 features are 4 MB a vector; each further joint triples every product.
 MAX_JOINTS = 12
+# Maximum joint travel, in rad, of a joint that counts as at rest (encoder noise, control jitter).
+_AT_REST = 2e-3
 
 
 def n_features(n_joints: int) -> int:
@@ -193,3 +198,36 @@ class Expansion:
 def torque_of(torques: Sequence[Expansion], q: FloatArray) -> FloatArray:
     """Return the torques (M, N) in N·m of one expansion per joint, at poses q (M, N) in rad."""
     return np.stack([torque.evaluate(q) for torque in torques], axis=1)
+
+
+def at_rest(q: FloatArray) -> BoolArray:
+    """Return the mask (N,) of the joints of q (M, N) in rad that are at rest."""
+    return np.ptp(q, axis=0) < _AT_REST if len(q) else np.ones(q.shape[1], dtype=bool)
+
+
+def usable_for_torque(q: FloatArray) -> BoolArray:
+    """Return the mask of features without sin and cos of joints at rest, shape (3^N,)."""
+    return _mask(q.shape[1], {n: {ONE} for n in np.flatnonzero(at_rest(q))})
+
+
+def usable_for_energy(q: FloatArray) -> BoolArray:
+    """
+    Return the mask of features with an identifiable gradient, shape (3^N,).
+
+    A joint at rest keeps the constant and the factor with the larger derivative at its position,
+    which determines its own torque.
+    """
+    kept = {}
+    for n in np.flatnonzero(at_rest(q)):
+        position = float(q[:, n].mean())
+        steeper = SIN if abs(np.cos(position)) >= abs(np.sin(position)) else COS
+        kept[n] = {ONE, steeper}
+    return _mask(q.shape[1], kept)
+
+
+def _mask(n_joints: int, kept: dict) -> BoolArray:
+    mask = np.ones((3,) * n_joints, dtype=bool)
+    for joint, factors in kept.items():
+        for factor in {ONE, SIN, COS} - factors:
+            mask[(slice(None),) * int(joint) + (factor,)] = False
+    return mask.ravel()

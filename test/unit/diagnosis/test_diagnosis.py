@@ -22,8 +22,7 @@ from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.chain import Chain, expand
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import gravity_torque

@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.estimation import axis_directions
 from gravity_comp_ros.estimation.arm_fit import ArmFit
-from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
+from gravity_comp_ros.estimation.axis_directions import joint_order_from_torques
 from gravity_comp_ros.estimation.torque_facts import torque_facts
 from gravity_comp_ros.facts.fact import Action, Kind
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain

@@ -10,7 +10,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models.sparse import admm, dictionary, sparse_fit, sparse_problem
+from gravity_comp_ros.models.sparse import admm, dictionary, sparse_fit
 from gravity_comp_ros.models.sparse.lasso import LassoProblem
 from gravity_comp_ros.simulation.arms import gravity_torque, with_base_tilt
 import numpy as np
@@ -191,7 +191,7 @@ def test_failure_to_converge_is_reported(monkeypatch):
     monkeypatch.setattr(admm, 'polish', lambda gram, c, penalties, z, tolerance: 0 * z)
     q = poses(100, 3, reach=0.3)
     tau = gravity_torque(serial_arm(3), q)
-    monkeypatch.setattr(sparse_problem, 'LassoProblem', partial(
+    monkeypatch.setattr(sparse_fit, 'LassoProblem', partial(
         LassoProblem, options=admm.AdmmOptions(max_iterations=1)))
     result = fit(samples_of(q, tau, 0.05), FitOptions('potential'))
     assert not result.converged

@@ -13,8 +13,7 @@ from gravity_comp_ros.export.c_source import c_source, parameters_of
 from gravity_comp_ros.export.effect_code import FRICTION, STATIC
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain, tilt
-from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.chain import Chain, expand, tilt
 from gravity_comp_ros.models.model_file import checksum, load_model, save_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 import numpy as np

@@ -18,8 +18,7 @@ from gravity_comp_ros.export.urdf_file import changed_urdf
 from gravity_comp_ros.export.xml_edit import number, XmlEdit
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.chain import Chain, expand
 from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 import pinocchio as pin

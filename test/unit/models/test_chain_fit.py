@@ -5,8 +5,7 @@ from bench.shared.campaign import campaign
 from bench.shared.serial_arms import parallel_axis_arm, poses, samples_of, worst
 from gravity_comp_ros.estimation.estimate import estimate, estimate_again, FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, Nuisance
-from gravity_comp_ros.models.kinematic.chain_search import search
+from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, Nuisance, search
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.simulation import arms, motions

@@ -8,8 +8,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import (
-    about_z, aligned, Chain, in_frames_of_axes, tilt)
-from gravity_comp_ros.models.kinematic.expansion import expand
+    about_z, aligned, Chain, expand, in_frames_of_axes, tilt)
 from gravity_comp_ros.models.sparse import sparse_change
 from gravity_comp_ros.models.sparse.sparse_change import (
     average_change, ChangeProblem, find_change, propose)

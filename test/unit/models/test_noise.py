@@ -3,7 +3,7 @@
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import sparse_fit
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
-from gravity_comp_ros.models.sparse.sparse_problem import SparseProblem, SupportFit
+from gravity_comp_ros.models.sparse.sparse_fit import SparseProblem, SupportFit
 from gravity_comp_ros.models.sparse.support import Refit
 from hypothesis import given, strategies as st
 import numpy as np

@@ -14,7 +14,7 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.chain import expand
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import (
     body_checks, gravity_present, joints_agree, reference_noise)

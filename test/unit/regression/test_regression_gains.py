@@ -9,8 +9,7 @@ from gravity_comp_ros.regression.candidates import candidates_of
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import (
     gain_of, inflation, log_share_allowed, Ranking, Score, score_of, shares_left)
-from gravity_comp_ros.regression.leave_out import leave_out
-from gravity_comp_ros.regression.posterior import solve
+from gravity_comp_ros.regression.posterior import leave_out, solve
 from gravity_comp_ros.regression.term import is_consistent, uncorrected, with_children_of
 from hypothesis import given, settings, strategies as st
 import numpy as np

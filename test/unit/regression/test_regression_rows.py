@@ -9,12 +9,11 @@ from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.regression.condensed import condensed
 from gravity_comp_ros.regression.linear import Linear
-from gravity_comp_ros.regression.measured_motion import variance_by_motion
+from gravity_comp_ros.regression.noise import variance_by_motion
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.rows import N_FOLDS, rows_of
+from gravity_comp_ros.regression.rows import condensed, N_FOLDS, rows_of
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest

@@ -21,8 +21,8 @@ from gravity_comp_ros.regression.known_axes import KnownAxes
 from gravity_comp_ros.regression.linear import with_common_terms
 from gravity_comp_ros.regression.noise import noise_std
 from gravity_comp_ros.regression.options import EngineOptions
+from gravity_comp_ros.regression.prior import Scale
 from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.scale import Scale
 from gravity_comp_ros.regression.shared import State
 from gravity_comp_ros.regression.start import start_axes
 from gravity_comp_ros.regression.unknown_lengths import LengthPriors, UnknownLengths

@@ -5,7 +5,7 @@ from functools import cache
 from bench.shared.regression_cases import linear_problem, motion_of_joints, OwnGravity, with_torque
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.regression.candidates import candidates_of
-from gravity_comp_ros.regression.occam import log_volume
+from gravity_comp_ros.regression.refinement import log_volume
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
