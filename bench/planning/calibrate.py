@@ -26,7 +26,8 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning import plan, PlanOptions, Target
+from gravity_comp_ros.planning import plan, PlanOptions
+from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.simulation import motions
 import numpy as np
 
@@ -102,9 +103,9 @@ def _size(scene: Scene, options: FitOptions, limits: PlanOptions) -> float:
 
 
 def _is_resolved(samples: JointSamples, options: FitOptions, model: GravityModel,
-                 target: Target) -> bool:
+                 target: str) -> bool:
     regression = estimate(samples, options, old=model).regression
-    key = target.effect, list(samples.names).index(target.joint or samples.names[0])
+    (key,) = named_targets([target], samples.names)
     return key in regression.gains and not regression.alternatives[key]
 
 

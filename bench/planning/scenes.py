@@ -9,7 +9,6 @@ from functools import partial
 from bench.cases.arms import generated_arm
 from bench.cases.cases import ARMS as JUDGED
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.planning import Target
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import Arm
 from gravity_comp_ros.simulation.hidden import hidden
@@ -33,22 +32,9 @@ _PAUSE, _TRAVEL = 30.0, 15.0
 _CLOCK = 1.7e9
 
 
-@dataclass(frozen=True)
-class Kind:
-    """
-    A hidden effect, with its size in the simulation.
-
-    `alternative` is the effect of the same joint that a poor recording does not separate it from.
-    """
-
-    size: float
-    alternative: str = ''
-
-
-KINDS = {
-    'coulomb_friction': Kind(1.0), 'viscous_friction': Kind(8.0), 'torque_offset': Kind(1.5),
-    'load_dependent_friction': Kind(0.03, 'coulomb_friction'),
-    'joint_spring': Kind(20.0, 'torque_offset')}
+# Sizes of the hidden effects in the simulation.
+SIZES = {'coulomb_friction': 1.0, 'viscous_friction': 8.0, 'torque_offset': 1.5,
+         'load_dependent_friction': 0.03, 'joint_spring': 20.0}
 
 
 @dataclass(frozen=True)
@@ -75,22 +61,16 @@ class Scene:
     @property
     def size(self) -> float:
         """Return the size of the hidden effect."""
-        return self.kind.size if self.drawn is None else self.drawn
-
-    @property
-    def kind(self) -> Kind:
-        return KINDS[self.effect]
+        return SIZES[self.effect] if self.drawn is None else self.drawn
 
     @property
     def arm_model(self) -> Arm:
         return ARMS[self.arm]()
 
     @property
-    def truth(self) -> Target:
-        """Return the hidden effect with its alternative."""
-        alternative = self.kind.alternative
-        return Target(self.effect, self.arm_model.joints[self.joint],
-                      (alternative,) if alternative else ())
+    def truth(self) -> str:
+        """Return the hidden effect as a target."""
+        return f'{self.effect}:{self.arm_model.joints[self.joint]}'
 
     @property
     def disturbance(self) -> Disturbance:

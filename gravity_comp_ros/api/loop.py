@@ -20,7 +20,6 @@ from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.planning.plan import plan as plan_motion
-from gravity_comp_ros.planning.questions import named_targets
 
 
 def fit(recording: Recording, *, formulation: str | None = None,
@@ -164,10 +163,9 @@ def plan(model: Model, recording: Recording, effects: Iterable[str] | None = Non
     :raises DataError: if all effects are resolved, or no motion resolves one.
     :raises OptionError: if an effect or joint is unknown, or a limit is invalid.
     """
-    targets = None if effects is None else named_targets(effects, model.joints)
     samples = recording.used.joints(model.joints)
     limits = arm_limits(urdf, [report.path for report in recording.reports], model.joints,
                         samples.q)
-    motion = plan_motion(samples, model.gravity, targets, options, progress=progress,
-                         obstacles=limits.check)
+    motion = plan_motion(samples, model.gravity, None if effects is None else list(effects),
+                         options, progress=progress, obstacles=limits.check)
     return replace(motion, notes=(*motion.notes, limits.note))

@@ -30,7 +30,6 @@ from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.planning import MotionPlan, plan, PlanOptions
 from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import EXPECTED
-from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.planning.trajectory_files import ENDINGS, write_trajectory
 from gravity_comp_ros.printable import counted
 import numpy as np
@@ -81,7 +80,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     """Plan, write the motion, and show its expected results."""
     model = load_model(args.model)
     args.joints = model.joints
-    targets = None if args.settle is None else named_targets(args.settle.split(','), model.joints)
+    targets = None if args.settle is None else args.settle.split(',')
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
         q = recording.samples.joints(model.joints).q
@@ -142,7 +141,7 @@ def _lines(args: argparse.Namespace, planned: MotionPlan, links: str) -> list[te
 
 def _advice(planned: MotionPlan, options: PlanOptions, model: GravityModel) -> list[str]:
     """Return options that may resolve effects the planned motion does not resolve."""
-    names = ', '.join(each.target.name for each in planned.expectations if not each.is_likely)
+    names = ', '.join(each.target for each in planned.expectations if not each.is_likely)
     lines = []
     if names and options.low is None:
         lines.append(f'poses farther from the recorded ones may resolve {names}: --widen 0.7 '

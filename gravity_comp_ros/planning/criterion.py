@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.planning.options import POSES, Target
+from gravity_comp_ros.planning.options import POSES
 from gravity_comp_ros.planning.sums import BATCH, Sums
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.gains import shares_left
@@ -36,25 +36,10 @@ _DRAWS = 200
 _MIN_OF_TORQUE, _MIN_OF_NOISE = 0.01, 0.5
 
 
-@dataclass(frozen=True)
-class Chance:
-    """
-    Chance that a target is resolved, with medians in nats of its gain and its separation.
-
-    `closest` is the alternative with the least separation on average, None if there is none.
-    """
-
-    chance: float
-    gain: float
-    separation: float
-    closest: Term | None
-
-
 @dataclass(frozen=True, eq=False)
 class Question:
     """A target's term, the terms of its `base`, and alternatives that replace it."""
 
-    target: Target
     term: Term
     base: Terms
     alternatives: Terms
@@ -106,16 +91,19 @@ class Question:
             return f'the other terms absorb all but {share:.1%} of its torque'
         return reason or ''
 
-    def chance(self, a: FloatArray) -> Chance:
-        """Return the chance at sums (L, L) of the recordings and a motion."""
+    def chance(self, a: FloatArray) -> tuple[float, Term | None]:
+        """
+        Return the chance that the target is resolved at sums (L, L), and the closest alternative.
+
+        That has the least separation on average; it is None if that is larger than the gain.
+        """
         options = self.sums.regression.problem.options
         gain, *others = self._separations(self._information(a, self._models))
         separation = np.min([gain, *others], axis=0)
         means = [other.mean() for other in others]
         closest = int(np.argmin(means)) if means and min(means) < gain.mean() else None
-        return Chance(float(((gain >= options.min_gain) & (separation >= options.margin)).mean()),
-                      float(np.median(gain)), float(np.median(separation)),
-                      None if closest is None else self.alternatives[closest])
+        return (float(((gain >= options.min_gain) & (separation >= options.margin)).mean()),
+                None if closest is None else self.alternatives[closest])
 
     def _separations(self, information: FloatArray) -> list[FloatArray]:
         """
@@ -193,26 +181,23 @@ class Gravity:
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """Utilities of sums for some questions, the last one gravity."""
+    """Utility of sums: the sum of those of some questions, and of gravity."""
 
     sums: Sums
     questions: tuple[Question, ...]
     gravity: Gravity | None
 
-    def utilities(self, a: FloatArray) -> FloatArray:
-        """Return the utilities (C, Q) of sums (C, L, L)."""
-        return np.concatenate([self._utilities(a[k:k + BATCH])
-                               for k in range(0, max(len(a), 1), BATCH)])
+    def utility(self, a: FloatArray) -> FloatArray:
+        """Return the utility (C,) of sums (C, L, L)."""
+        return np.concatenate([self._utility(a[k:k + BATCH]) for k in range(0, len(a), BATCH)])
 
-    def _utilities(self, a: FloatArray) -> FloatArray:
+    def _utility(self, a: FloatArray) -> FloatArray:
         shared, terms = np.split(np.arange(a.shape[1]), [self.sums.n_shared])
-        utilities = []
+        total = np.zeros(len(a))
         if self.questions:
             marginal = eliminated(a, shared, terms, self.sums.std)
-            utilities = [question.utility(marginal) for question in self.questions]
-        if self.gravity is not None:
-            utilities.append(self.gravity.utility(a))
-        return np.stack(utilities, axis=1)
+            total += sum(question.utility(marginal) for question in self.questions)
+        return total if self.gravity is None else total + self.gravity.utility(a)
 
 
 def eliminated(a: FloatArray, gone: IntArray, kept: IntArray, std: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from typing import Any
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.display import Displayable, TextTable
-from gravity_comp_ros.planning.options import Target
+from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.printable import counted
 import numpy as np
 
@@ -27,42 +27,42 @@ class PlannedPart:
     end: float
     joints: tuple[str, ...]
     what: str
-    settles: tuple[str, ...]
 
     @property
     def sentence(self) -> str:
         names = ' and '.join(filter(None, [', '.join(self.joints[:-1]), self.joints[-1]]))
-        what = f' ({", ".join(self.settles)})' if self.settles else ''
-        return f'{self.start:.1f} to {self.end:.1f} s: {names} {self.what}{what}'
+        return f'{self.start:.1f} to {self.end:.1f} s: {names} {self.what}'
 
 
 @dataclass(frozen=True)
 class Expectation:
     """
-    Expected result of a target, before and after the motion.
+    Expected result of an effect on a joint (None: the whole arm), before and after the motion.
 
     The chances are the probabilities that an effect of the assumed size is found, and separated
-    from every alternative. `gain` (after the motion) and the separations from the closest
-    alternative are medians in nats of log evidence; `closest_alternative` may be ''. `half_width`
-    is half the 95 % interval of each coefficient after the motion, by symbol, with its unit.
+    from every alternative; `closest_alternative` may be ''. `half_width` is half the 95 %
+    interval of each coefficient after the motion, by symbol, with its unit.
     `assumed` are estimates of the coefficients if `size_is_measured`, else the standard deviations
     of their prior. `untestable` gives the reason why the effect is not identified after the
     motion, '' if it is. `identified` is the share of the torque (RMS) of its best coefficient that
     all other columns leave.
     """
 
-    target: Target
+    effect: str
+    joint: str | None
     chance_before: float
     chance: float
     half_width: dict[str, tuple[float, str]]
     closest_alternative: str
     assumed: dict[str, float]
     size_is_measured: bool
-    gain: float
-    separation_before: float
-    separation: float
     untestable: str
     identified: float = 1.0
+
+    @property
+    def target(self) -> str:
+        """Return the target as `NAME:JOINT`, or `NAME` for the whole arm."""
+        return target(self.effect, self.joint)
 
     @property
     def is_likely(self) -> bool:
@@ -74,16 +74,14 @@ class Expectation:
         widths = ', '.join(
             f'{symbol} ± {width:.2g} {unit}'.strip() if np.isfinite(width) else f'{symbol} unknown'
             for symbol, (width, unit) in self.half_width.items())
-        return (self.target.name, f'{100 * self.chance_before:.0f} %',
+        return (self.target, f'{100 * self.chance_before:.0f} %',
                 f'{100 * self.chance:.0f} %', widths, self.closest_alternative or '–')
 
     def to_json(self) -> dict[str, Any]:
         """Return one object of `expected` of `plan --json`."""
         widths = {symbol: {'value': width if np.isfinite(width) else None, 'unit': unit}
                   for symbol, (width, unit) in self.half_width.items()}
-        numbers = {name: value for name, value in vars(self).items() if name != 'target'}
-        return {'effect': self.target.effect, 'joint': self.target.joint, **numbers,
-                'untestable': self.untestable or None,
+        return {**vars(self), 'untestable': self.untestable or None,
                 'closest_alternative': self.closest_alternative or None, 'half_width': widths}
 
 

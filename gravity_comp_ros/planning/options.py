@@ -1,4 +1,4 @@
-"""Targets and limits of a planned motion."""
+"""Limits of a planned motion."""
 
 from __future__ import annotations
 
@@ -13,18 +13,6 @@ import numpy as np
 GRAVITY = 'gravity'
 # Number of poses over which the standard deviation of gravity is taken.
 POSES = 300
-
-
-@dataclass(frozen=True)
-class Target:
-    """An effect to resolve on a joint; None for an effect of the whole arm."""
-
-    effect: str
-    joint: str | None
-
-    @property
-    def name(self) -> str:
-        return self.effect + (f':{self.joint}' if self.joint else '')
 
 
 @dataclass(frozen=True)

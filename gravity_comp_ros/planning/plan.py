@@ -18,20 +18,21 @@ from gravity_comp_ros.planning.collision import SelfCollision
 from gravity_comp_ros.planning.criterion import Criterion, Gravity, Question
 from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, MotionPlan, PlannedPart)
-from gravity_comp_ros.planning.options import GRAVITY, PlanOptions, Target
+from gravity_comp_ros.planning.options import GRAVITY, PlanOptions
 from gravity_comp_ros.planning.questions import (
-    ambiguous_with, key_of, MAX_TARGETS, open_targets, questions_of)
+    ambiguous_with, MAX_TARGETS, named_targets, open_targets, questions_of)
 from gravity_comp_ros.planning.segments import Limits, sampled
 from gravity_comp_ros.planning.selection import Part, Selection, strokes
 from gravity_comp_ros.planning.sums import joined, motion_of
 from gravity_comp_ros.planning.workspace import Workspace, workspace
 from gravity_comp_ros.regression.engine import Regression
+from gravity_comp_ros.regression.term import Key
 import numpy as np
 
 Progress = Callable[[str, float], None]
 
 
-def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None = None,
+def plan(samples: JointSamples, model: GravityModel, targets: Sequence[str] | None = None,
          options: PlanOptions = PlanOptions(), diagnosis: Diagnosis | None = None,
          progress: Progress | None = None, obstacles: SelfCollision | None = None,
          estimated: Estimate | None = None) -> MotionPlan:
@@ -39,7 +40,8 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     Return the motion of largest utility for the targets, within the limits.
 
     :param samples: all samples of earlier recordings, fast ones included.
-    :param targets: effects to resolve; None for the open findings of the diagnosis.
+    :param targets: effects to resolve on every joint (`NAME`) or on one (`NAME:JOINT`), or
+        `gravity`; None for the open findings of the diagnosis.
     :param diagnosis: that of the same estimate; concluded if it is not given.
     :param obstacles: collision check of poses.
     :param estimated: estimate of the same samples and joints; computed if it is not given.
@@ -48,13 +50,24 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     """
     report = progress or (lambda stage, share: None)
     samples = samples.joints(model.joints)
+    named = None if targets is None else named_targets(
+        [name for name in targets if name != GRAVITY], model.joints)
     space = workspace(samples, options, obstacles)
     report('plan', 0.0)
     if estimated is None:
         estimated = estimate(samples, FitOptions(model.formulation, geometry=model.geometry),
                              old=model)
     report('plan', 0.3)
-    criterion, parts, notes = _alternatives(space, model, estimated, targets, options, diagnosis)
+    regression = estimated.regression
+    if named is None:
+        gravity = Gravity.of(regression, False)
+        named = open_targets(regression, diagnosis or conclude(estimated, model))
+        named = named[:MAX_TARGETS - (gravity is not None)]
+    else:
+        gravity = Gravity.of(regression, True) if GRAVITY in (targets or ()) else None
+    if not named and gravity is None:
+        raise OptionError('plan: no target is open; name the effects to resolve')
+    criterion, parts, notes = _alternatives(space, model, regression, named, gravity, options)
     report('plan', 0.5)
     selection = Selection(space, criterion, parts, options.duration)
     if not selection.parts:
@@ -64,32 +77,21 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     motion, times = selection.motion()
     t, (q, qd, qdd) = sampled(motion, options.rate)
     added = criterion.sums.added([motion])[0]
-    both = joined(estimated.regression, motion_of(estimated.regression, [motion]))
+    both = joined(regression, motion_of(regression, [motion]))
     expected = tuple(_expectation(question, both, added) for question in criterion.questions)
     report('plan', 1.0)
     notes += [_unlikely(one) for one in expected if not one.is_likely]
     uncertain = [] if criterion.gravity is None else criterion.gravity.after(added)
     return MotionPlan(Trajectory(model.joints, t, q, qd, qdd),
-                      _planned_parts(selection, criterion, times, model.joints), expected,
+                      _planned_parts(selection.parts, times, model.joints), expected,
                       tuple(notes), tuple(GravityExpectation(model.joints[n], before, after)
                                           for n, before, after in uncertain))
 
 
-def _alternatives(space: Workspace, model: GravityModel, estimated: Estimate,
-                  targets: Sequence[Target] | None, options: PlanOptions,
-                  diagnosis: Diagnosis | None) -> tuple[Criterion, list[Part], list[str]]:
+def _alternatives(space: Workspace, model: GravityModel, regression: Regression,
+                  targets: Sequence[Key], gravity: Gravity | None, options: PlanOptions
+                  ) -> tuple[Criterion, list[Part], list[str]]:
     """Return the criterion, the candidate parts, and why some targets have no question."""
-    regression = estimated.regression
-    if targets is None:
-        gravity = Gravity.of(regression, False)
-        targets = open_targets(regression, diagnosis or conclude(estimated, model))
-        targets = targets[:MAX_TARGETS - (gravity is not None)]
-    else:
-        is_named = GRAVITY in [target.effect for target in targets]
-        gravity = Gravity.of(regression, True) if is_named else None
-        targets = [target for target in targets if target.effect != GRAVITY]
-    if not targets and gravity is None:
-        raise OptionError('plan: no target is open; name the effects to resolve')
     limits = Limits(options.max_speed, options.max_acceleration, options.max_jerk)
     joints = _joints(regression, targets, gravity)
     parts = strokes(space, model, joints, limits, options.duration)
@@ -103,12 +105,11 @@ def _alternatives(space: Workspace, model: GravityModel, estimated: Estimate,
     return Criterion(sums, questions, gravity), parts, notes
 
 
-def _joints(regression: Regression, targets: Sequence[Target], gravity: Gravity | None
+def _joints(regression: Regression, targets: Sequence[Key], gravity: Gravity | None
             ) -> list[int]:
     """Return the joints of targets and alternatives, all for a target of the whole arm."""
     joints = [*(gravity.joints if gravity is not None else ())]
-    for target in targets:
-        key = key_of(target, regression.problem.samples.names)
+    for key in targets:
         joints += range(regression.problem.samples.n_joints) if key[1] is None else [key[1]]
         joints += [joint for _, joint in ambiguous_with(regression, key) if joint is not None]
     return list(dict.fromkeys(joints))
@@ -119,28 +120,25 @@ def _expectation(question: Question, both: Motion, added: FloatArray) -> Expecta
     regression, term, recorded = question.sums.regression, question.term, question.sums.recorded
     unseen = question.untestable(regression.motion, recorded)
     reason = question.untestable(both, recorded + added)
-    before, after = question.chance(recorded), question.chance(recorded + added)
+    (before, _), (after, closest) = question.chance(recorded), question.chance(recorded + added)
     listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
     # A coefficient that the other terms absorb is not published.
     widths = np.where(bool(reason), np.inf, HALF_95 * question.std(recorded + added))
+    joint = None if term.joint is None else regression.problem.samples.names[term.joint]
     return Expectation(
-        question.target, 0.0 if unseen else before.chance, 0.0 if reason else after.chance,
+        term.name, joint, 0.0 if unseen else before, 0.0 if reason else after,
         {c.symbol: (float(width), c.unit) for c, width in zip(listed, widths)},
-        '' if after.closest is None else after.closest.name,
+        '' if closest is None else closest.name,
         {c.symbol: float(x) for c, x in zip(listed, question.size)}, question.is_measured,
-        after.gain, before.separation, after.separation, reason,
-        question.identified(recorded + added))
+        reason, question.identified(recorded + added))
 
 
-def _planned_parts(selection: Selection, criterion: Criterion,
-                   times: Sequence[tuple[float, float]], names: tuple[str, ...]
-                   ) -> tuple[PlannedPart, ...]:
+def _planned_parts(chosen: Sequence[Part], times: Sequence[tuple[float, float]],
+                   names: tuple[str, ...]) -> tuple[PlannedPart, ...]:
     """Return descriptions of the parts; equal consecutive parts are one."""
-    targets = [question.target.name for question in criterion.questions] + [GRAVITY]
     parts: list[PlannedPart] = []
-    for (start, end), part in zip(times, selection.parts):
-        one = PlannedPart(start, end, tuple(names[n] for n in part.joints), part.what,
-                          tuple(targets[k] for k in selection.informs(part)))
+    for (start, end), part in zip(times, chosen):
+        one = PlannedPart(start, end, tuple(names[n] for n in part.joints), part.what)
         if parts and replace(parts[-1], start=start, end=end) == one:
             one = replace(one, start=parts.pop().start)
         parts.append(one)
@@ -149,9 +147,9 @@ def _planned_parts(selection: Selection, criterion: Criterion,
 
 def _unlikely(expected: Expectation) -> str:
     if expected.untestable:
-        return (f'{expected.target.name}: no part within these limits resolves it: '
+        return (f'{expected.target}: no part within these limits resolves it: '
                 f'{expected.untestable}')
     against = (f' against {expected.closest_alternative}' if expected.closest_alternative else '')
-    return (f'{expected.target.name}: the chance that this motion resolves it{against} is only '
+    return (f'{expected.target}: the chance that this motion resolves it{against} is only '
             f'{100 * expected.chance:.0f} %; a longer or faster motion or more reach may resolve '
             f'it')

@@ -1,8 +1,8 @@
 """
 Targets of a plan and their questions.
 
-A target is named by the user, or an open finding of a diagnosis. Its question is its term,
-the terms of its base, and its alternatives.
+A target is an effect on a joint, or on the whole arm: named by the user, or an open finding of a
+diagnosis. Its question is its term, the terms of its base, and its alternatives.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import known_effect, requests
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.planning.criterion import Question, Terms
-from gravity_comp_ros.planning.options import GRAVITY, Target
 from gravity_comp_ros.planning.sums import joined, motion_of, Path, rows_of_planned, Sums
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.engine import Regression
@@ -29,57 +29,57 @@ OPEN = ('ambiguous', 'untestable', 'weak')
 MAX_TARGETS = 10
 
 
-def named_targets(effects: Iterable[str], joints: tuple[str, ...]) -> list[Target]:
+def named_targets(effects: Iterable[str], joints: tuple[str, ...]) -> list[Key]:
     """
-    Return the targets `NAME` (every joint), `NAME:JOINT` and `gravity`.
+    Return the keys of the targets `NAME` (every joint) and `NAME:JOINT`.
 
-    :raises OptionError: if an effect or joint is unknown, or named twice.
+    :raises OptionError: if an effect or joint is unknown or named twice, or if every fit
+        estimates the effect.
     """
-    names = list(effects)
-    targets = [Target(request.effect.name, request.joint) for request in requests(
-        [name for name in names if name != GRAVITY], joints)]
-    return [*targets, Target(GRAVITY, None)] if GRAVITY in names else targets
+    named = requests(effects, joints)
+    for request in named:
+        if request.effect.is_shared:
+            raise OptionError(f'plan: every fit estimates {request.target}; name gravity instead')
+    return [(request.effect.name, None if request.joint is None else joints.index(request.joint))
+            for request in named]
 
 
-def open_targets(regression: Regression, diagnosis: Diagnosis) -> list[Target]:
+def open_targets(regression: Regression, diagnosis: Diagnosis) -> list[Key]:
     """Return the open findings, then common effects that moving joints do not excite."""
-    targets = [Target(f.effect, f.joint) for f in diagnosis.findings
-               if f.verdict in OPEN and f.effect in all_effects()]
-    scale = regression.problem.scale.torque
+    names, scale = regression.problem.samples.names, regression.problem.scale.torque
+    targets: list[Key] = [
+        (f.effect, None if f.joint is None else names.index(f.joint))
+        for f in diagnosis.findings
+        if f.verdict in OPEN and f.effect is not None and f.effect in all_effects()]
     untestable = [(name, joint) for name, joint in regression.candidates.untestable
                   if joint is not None and all_effects()[name].expectation is Expectation.COMMON
                   and excitation.travel(regression.motion, joint) > excitation.STILL]
-    targets += [Target(name, regression.problem.samples.names[joint])
-                for name, joint in sorted(untestable, key=lambda key: -float(scale[key[1]]))]
-    once: dict[str, Target] = {}
-    for target in targets:
-        if not all_effects()[target.effect].is_shared:
-            once.setdefault(target.name, target)
-    return list(once.values())
+    targets += sorted(untestable, key=lambda key: -float(scale[key[1]]))
+    return [key for key in dict.fromkeys(targets) if not all_effects()[key[0]].is_shared]
 
 
-def questions_of(regression: Regression, targets: Sequence[Target], probe: Path, seconds: float
+def questions_of(regression: Regression, targets: Sequence[Key], probe: Path, seconds: float
                  ) -> tuple[Sums, tuple[Question, ...], list[str]]:
     """
     Return the sums of all terms, the questions, and why other targets have none.
 
     :param probe: a motion that excites the joints of the targets.
     :param seconds: duration of the planned motion.
-    :raises OptionError: if an effect or joint is unknown, or no target has a question.
+    :raises OptionError: if no target has a question.
     """
     maker, drafts, notes = _Maker(regression, motion_of(regression, [probe])), [], []
-    for target in targets:
-        key = key_of(target, regression.problem.samples.names)
+    for key in targets:
         if (term := maker.term(key)) is not None:
             base = maker.base(term)
-            drafts.append((target, term, base, maker.alternatives(term, base)))
+            drafts.append((term, base, maker.alternatives(term, base)))
         else:
-            notes.append(f'{target.name}: no motion within the limits excites it: '
+            joint = None if key[1] is None else regression.problem.samples.names[key[1]]
+            notes.append(f'{target(key[0], joint)}: no motion within the limits excites it: '
                          f'{maker.reason(key)}')
     if targets and not drafts:
         raise OptionError('plan: ' + '; '.join(notes))
     terms = dict.fromkeys([*regression.terms, *(
-        t for _, term, base, others in drafts for t in (*base, term, *others))])
+        t for term, base, others in drafts for t in (*base, term, *others))])
     sums = Sums(regression, tuple(terms), seconds)
     return sums, tuple(Question(*draft, sums) for draft in drafts), notes
 
@@ -151,20 +151,3 @@ def ambiguous_with(regression: Regression, key: Key) -> set[Key]:
     """Return the terms that the recordings do not separate from one."""
     return {*regression.alternatives.get(key, ()), *(
         one for one, others in regression.alternatives.items() if key in others)}
-
-
-def key_of(target: Target, names: tuple[str, ...]) -> Key:
-    """
-    Return the key of a target.
-
-    :raises OptionError: if its effect or joint is unknown, or every fit estimates it.
-    """
-    effect = known_effect(target.effect)
-    if effect.is_shared:
-        raise OptionError(f'plan: every fit estimates {effect.name}; name gravity instead')
-    if effect.per_joint and target.joint is None:
-        raise OptionError(f'{effect.name} is an effect of one joint: name it '
-                          f'({effect.name}:JOINT)')
-    if effect.per_joint and target.joint not in names:
-        raise OptionError(f'no joint {target.joint}; the joints are {", ".join(names)}')
-    return effect.name, names.index(target.joint) if effect.per_joint else None

@@ -28,8 +28,6 @@ _MIN_STROKE, _MAX_STROKE = 0.02, 3.0
 _TOGETHER = 2
 # Smallest gain in utility that counts.
 _MIN_GAIN = 0.02
-# A part informs about a target if its gain is at least this share of its largest.
-_MIN_GAIN_SHARE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +111,6 @@ class Selection:
         self._criterion, self._seconds = criterion, seconds
         self._candidates = [part for part in parts if _duration([part]) <= seconds]
         self._added = criterion.sums.added([part.lines for part in self._candidates])
-        self._alone = self._gains([], slice(None))
         self._is_clear = cache(lambda k: space.is_clear(self._candidates[k].stops))
         chosen: list[int] = []
         while (best := self._best(chosen)) is not None:
@@ -136,12 +133,6 @@ class Selection:
             lines += [Line(line.end, line.start, line.limits) for line in way]
         return lines, times
 
-    def informs(self, part: Part) -> list[int]:
-        """Return the numbers of the questions about which a part alone gives information."""
-        gains = self._alone[self._candidates.index(part)]
-        return [k for k, gain in enumerate(gains)
-                if gain > max(_MIN_GAIN, _MIN_GAIN_SHARE * gains.max())]
-
     def _best(self, chosen: list[int]) -> int | None:
         """Return the part of largest gain per time, None if none has a gain."""
         used = self._time(chosen)
@@ -150,15 +141,11 @@ class Selection:
         fits = [k for k, time in times.items() if used + time <= self._seconds]
         if not fits:
             return None
-        gains = self._gains(chosen, fits).sum(axis=1)
+        sums = self._criterion.sums.recorded + self._added[chosen].sum(axis=0)
+        gains = (self._criterion.utility(sums + self._added[fits])
+                 - self._criterion.utility(sums[None]))
         return next((fits[k] for k in np.argsort(-gains / [times[k] for k in fits])
                      if gains[k] > _MIN_GAIN and self._is_clear(fits[k])), None)
-
-    def _gains(self, chosen: list[int], others: list[int] | slice) -> FloatArray:
-        """Return the gains (C, Q) in utility of other parts, each in addition to the chosen."""
-        sums = self._criterion.sums.recorded + self._added[chosen].sum(axis=0)
-        return (self._criterion.utilities(sums + self._added[others])
-                - self._criterion.utilities(sums[None]))
 
     def _time(self, chosen: Sequence[int]) -> float:
         return _duration([self._candidates[k] for k in chosen])

@@ -24,7 +24,6 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.plan import plan
-from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.workbench.store import Choice
 from gravity_comp_ros.worker.serve import ProgressCallback
@@ -115,10 +114,9 @@ class JobRunner:
         if model is None:
             return _learned(recording, job, progress)
         if job.step is Step.PLAN:
-            targets = None if job.effects is None else named_targets(job.effects, model.joints)
             limits = arm_limits(job.choice.urdf, job.paths, model.joints,
                                 recording.samples.joints(model.joints).q)
-            planned = plan(recording.samples, model, targets, diagnosis=job.diagnosis,
+            planned = plan(recording.samples, model, job.effects, diagnosis=job.diagnosis,
                            progress=progress, obstacles=limits.check)
             return replace(planned, notes=(*planned.notes, limits.note))
         if job.step is Step.DIAGNOSE:

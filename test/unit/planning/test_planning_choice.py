@@ -11,7 +11,7 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of
-from gravity_comp_ros.planning import plan, PlanOptions, Target
+from gravity_comp_ros.planning import plan, PlanOptions
 from gravity_comp_ros.planning.criterion import _evidence, Gravity
 from gravity_comp_ros.planning.questions import named_targets, open_targets, questions_of
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
@@ -45,17 +45,17 @@ def back_and_forth(*turns):
 
 def asked(target, path):
     """Return sums and question of a target with a path as the probe."""
-    sums, (question,), _ = questions_of(estimated().regression, [target], path, 15.0)
+    keys = named_targets([target], NAMES)
+    sums, (question,), _ = questions_of(estimated().regression, keys, path, 15.0)
     return sums, question
 
 
 def test_friction_of_a_joint_that_moved_in_one_direction():
-    planned = plan(one_way(0), model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0),
+    planned = plan(one_way(0), model(), ['coulomb_friction:elbow'], PlanOptions(15.0),
                    estimated=estimated())
     (expected,) = planned.expectations
     assert expected.chance_before == 0.0 and expected.chance > 0.9 and expected.is_likely
     assert all('elbow' in part.joints for part in planned.parts)
-    assert any('coulomb_friction:elbow' in part.settles for part in planned.parts)
     q, qd = planned.trajectory.q, planned.trajectory.qd
     assert qd[:, ELBOW].min() < -0.05 and qd[:, ELBOW].max() > 0.05
     assert np.ptp(q[:, ELBOW]) > 0.1
@@ -66,7 +66,7 @@ def test_friction_of_a_joint_that_moved_in_one_direction():
 
 def test_planned_sums_are_those_of_the_recording_of_the_motion():
     path = back_and_forth(0.0, 0.3, -0.3, 0.2)
-    sums, _ = asked(Target('coulomb_friction', 'elbow'), path)
+    sums, _ = asked('coulomb_friction:elbow', path)
     t, (q, qd, qdd) = sampled(path, 100.0)
     old, shared = estimated().regression.problem, estimated().regression.shared
     problem = Problem.of(played(Trajectory(NAMES, t, q, qd, qdd)), None, old.options)
@@ -97,7 +97,7 @@ def test_planned_sums_are_those_of_the_recording_of_the_motion():
 
 @pytest.mark.parametrize('effect', ['torque_offset', 'coulomb_friction', 'joint_spring'])
 def test_information_and_evidence_are_those_of_the_engine(effect):
-    sums, question = asked(Target(effect, 'elbow'), back_and_forth(0.0, 0.3, -0.3))
+    sums, question = asked(f'{effect}:elbow', back_and_forth(0.0, 0.3, -0.3))
     term, design = question.term, estimated().regression.posterior.design
     without = solve(design, question.base, sums.weights)
     scored = score_of(without, term)
@@ -111,7 +111,7 @@ def test_information_and_evidence_are_those_of_the_engine(effect):
 
 def test_the_alternative_determines_the_motion():
     # Load friction is distinguished from Coulomb friction by a change of load only.
-    target = Target('load_dependent_friction', 'elbow')
+    target = 'load_dependent_friction:elbow'
     wide = PlanOptions(20.0, low=np.full(3, -0.8), high=np.full(3, 0.8), reach=np.inf)
     planned = plan(one_way(0), model(), [target], wide, estimated=estimated())
     load = np.abs(model().predict(planned.trajectory.q)[:, ELBOW])
@@ -123,9 +123,9 @@ def test_an_offset_after_one_way_motion_is_separated_from_friction():
     old = with_offset(one_way(0), 1.5)
     first = estimated(1.5)
     targets = open_targets(first.regression, conclude(first, model()))
-    assert 'coulomb_friction:elbow' in [target.name for target in targets]
+    assert ('coulomb_friction', ELBOW) in targets
     planned = plan(old, model(), None, PlanOptions(20.0), estimated=first)
-    assert any(each.target.name == 'coulomb_friction:elbow' and each.is_likely
+    assert any(each.target == 'coulomb_friction:elbow' and each.is_likely
                for each in planned.expectations)
     both = concatenate([old, with_offset(played(planned.trajectory), 1.5)])
     after = estimate(both, FitOptions('chain'), old=model()).regression
@@ -136,7 +136,7 @@ def test_an_offset_after_one_way_motion_is_separated_from_friction():
 
 def test_friction_is_found_after_the_motion_without_an_alternative():
     old = one_way(0, friction=0.4)
-    planned = plan(old, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    planned = plan(old, model(), ['coulomb_friction:elbow'], PlanOptions(15.0))
     (expected,) = planned.expectations
     both = concatenate([old, played(planned.trajectory, friction=0.4)])
     after = estimate(both, FitOptions('chain'), old=model()).regression
@@ -151,10 +151,10 @@ def test_friction_is_found_after_the_motion_without_an_alternative():
 
 def test_the_effect_that_the_recordings_measure_has_its_size():
     old = one_way(0)
-    moved = plan(old, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0),
+    moved = plan(old, model(), ['coulomb_friction:elbow'], PlanOptions(15.0),
                  estimated=estimated()).trajectory
     both = concatenate([one_way(0, friction=0.4), played(moved, friction=0.4)])
-    planned = plan(both, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    planned = plan(both, model(), ['coulomb_friction:elbow'], PlanOptions(15.0))
     (expected,) = planned.expectations
     assert expected.size_is_measured and expected.assumed['F_c'] == pytest.approx(0.4, abs=0.05)
     assert expected.chance_before > 0.9 and expected.chance > 0.9
@@ -168,9 +168,8 @@ def test_nothing_is_open():
 
 
 @pytest.mark.parametrize('target, message', [
-    (Target('coulomb_friction', None), 'name it'), (Target('no_such', 'elbow'), 'no effect'),
-    (Target('rigid_body_dynamics', None), 'every fit estimates'),
-    (Target('coulomb_friction', 'hip'), 'no joint hip')])
+    ('no_such:elbow', 'no effect'), ('rigid_body_dynamics', 'every fit estimates'),
+    ('coulomb_friction:hip', "no joint 'hip'")])
 def test_invalid_targets(target, message):
     with pytest.raises(OptionError, match=message):
         plan(one_way(0), model(), [target], PlanOptions(15.0), estimated=estimated())
@@ -180,7 +179,7 @@ def test_a_joint_that_cannot_move():
     still = one_way(0, span=1e-4)
     options = PlanOptions(15.0)
     with pytest.raises(OptionError, match='no joint of the targets can move'):
-        plan(still, model(), [Target('coulomb_friction', 'elbow')], options,
+        plan(still, model(), ['coulomb_friction:elbow'], options,
              estimated=estimated())
 
 
@@ -194,11 +193,10 @@ def test_open_findings_come_first():
         finding('joint_spring', 'wrist', 'weak'), finding('torque_offset', 'elbow', 'established'),
         finding('coulomb_friction', 'elbow', 'ambiguous', ('torque_offset',)),
         finding('rigid_body_dynamics', None, 'weak'), finding(None, 'elbow', 'unexplained')), {}))
-    names = [target.name for target in targets]
-    assert names[:2] == ['joint_spring:wrist', 'coulomb_friction:elbow']
+    assert targets[:2] == [('joint_spring', 2), ('coulomb_friction', ELBOW)]
     # Friction that the one-way recording does not excite follows, each once.
-    assert {'coulomb_friction:shoulder', 'viscous_friction:elbow'} < set(names[2:])
-    assert len(set(names)) == len(names) and 'torque_offset:elbow' not in names
+    assert {('coulomb_friction', 0), ('viscous_friction', ELBOW)} < set(targets[2:])
+    assert len(set(targets)) == len(targets) and ('torque_offset', ELBOW) not in targets
 
 
 WIDE = PlanOptions(20.0, low=np.full(3, -1.2), high=np.full(3, 1.2), reach=np.inf)
@@ -222,9 +220,8 @@ def test_the_uncertainty_is_that_of_the_model(estimated_gravity):
 
 
 def test_a_plan_reduces_the_uncertainty(estimated_gravity):
-    planned = plan(one_way(0, span=0.3), model(), named_targets(['gravity'], NAMES), WIDE,
+    planned = plan(one_way(0, span=0.3), model(), ['gravity'], WIDE,
                    estimated=estimated_gravity)
     assert {each.joint for each in planned.gravity} == set(NAMES) and not planned.expectations
     assert all(each.after < each.before for each in planned.gravity)
-    assert any('gravity' in part.settles for part in planned.parts)
     assert 'uncertain by' in planned.gravity[0].sentence and planned.to_json()['gravity']

@@ -10,7 +10,7 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import FitError, GravityCompError, OptionError
 from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.models.model_file import save_model
-from gravity_comp_ros.planning import plan, PlanOptions, Target
+from gravity_comp_ros.planning import plan, PlanOptions
 from gravity_comp_ros.planning.collision import (
     arm_limits, CollisionsUnchecked, MARGIN, self_collision)
 from gravity_comp_ros.planning.enough import enough_motion
@@ -132,7 +132,7 @@ def test_info_prints_it_once_for_all_recordings(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)['motion'] is None
 
 
-TARGET = [Target('coulomb_friction', 'elbow')]
+TARGET = ['coulomb_friction:elbow']
 
 
 def link(name: str, shape: str = '', x: float = 0.2) -> str:
@@ -216,7 +216,7 @@ def test_a_plan_avoids_collisions():
     above = old.select(deep < 0.1)
     check = self_collision(planar('<box size="0.3 0.04 0.04"/>', wall(-0.3)), NAMES, above.q)
     # A cable is identified by the range on both sides of its start.
-    target = [Target('cable_stiffness', 'shoulder')]
+    target = ['cable_stiffness:shoulder']
     free = plan(old, model(), target, PlanOptions(15.0))
     number = next(k for k, q in enumerate(free.trajectory.q) if check.hits(q))
     assert not check.hits(above.q)

@@ -3,8 +3,7 @@
 from bench.shared.planning_arm import model, NAMES, one_way, uncertain_model
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import BagError, DataError, OptionError
-from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.questions import named_targets
+from gravity_comp_ros.planning import plan, PlanOptions
 from gravity_comp_ros.planning.segments import Limits, Line, sampled
 from gravity_comp_ros.planning.selection import strokes
 from gravity_comp_ros.planning.trajectory_files import (
@@ -17,7 +16,7 @@ import yaml
 
 LIMITS = strategies.floats(0.02, 5.0)
 POSES = strategies.lists(strategies.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)
-FRICTION = Target('coulomb_friction', 'elbow')
+FRICTION = 'coulomb_friction:elbow'
 
 
 def check_limits(segments, limits: Limits, rate: float = 2000.0) -> None:
@@ -61,7 +60,7 @@ def test_a_plan_never_exceeds_its_limits(seed, duration, speed, acceleration, je
     old = one_way(seed, duration=20.0, rate=20.0)
     options = PlanOptions(duration, speed, acceleration, jerk, reach, rate=200.0)
     try:
-        planned = plan(old, uncertain_model(), named_targets(targets, NAMES), options)
+        planned = plan(old, uncertain_model(), targets, options)
     except OptionError:
         return  # no motion fits the limits
     motion = planned.trajectory
