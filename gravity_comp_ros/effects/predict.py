@@ -69,28 +69,12 @@ def torque_of(model: GravityModel, effects: Iterable[AppliedEffect], samples: Jo
               gravity: FloatArray | None = None) -> FloatArray:
     """Return the torque (M, N) in N·m of some effects of a model, without gravity."""
     samples, effects = samples.joints(model.joints), tuple(effects)
-    if not effects or not samples.n_samples:
-        return np.zeros_like(samples.q)
-    motion, total = motion_of(model, samples, gravity), np.zeros_like(samples.q)
-    for applied in effects:
-        torque, joints = torque_on(model, applied, motion)
-        total[:, joints] += torque
+    total = np.zeros_like(samples.q)
+    if effects and samples.n_samples:
+        motion = motion_of(model, samples, gravity)
+        for applied in effects:
+            EffectInUse.of(model, applied, motion).add_to(total, motion)
     return total
-
-
-def torque_on(model: GravityModel, applied: AppliedEffect, motion: Motion
-              ) -> tuple[FloatArray, slice | int]:
-    """
-    Return the torque in N·m of one effect of a model, and the joints on which it acts.
-
-    It is (M, N) on all joints, or (M,) on one.
-
-    :raises ModelMismatchError: if the effect is not installed, or has other coefficients.
-    """
-    effect, joint = installed(applied), joint_number(model, applied)
-    torque = effect.torque(motion, joint, applied.setting,
-                           coefficients(applied, effect, motion, joint))
-    return torque, slice(None) if effect.scope == 'arm' else joint
 
 
 def motion_of(model: GravityModel, samples: JointSamples,
@@ -101,41 +85,55 @@ def motion_of(model: GravityModel, samples: JointSamples,
                      model.geometry)
 
 
-def installed(applied: AppliedEffect) -> Effect:
+@dataclass(frozen=True, eq=False)
+class EffectInUse:
     """
-    Return the effect of the library or a plug-in with the name of an applied one.
+    An effect of a model with that of the library or a plug-in.
 
-    :raises ModelMismatchError: if it is not installed.
+    `joint` is the number for its methods, 0 for the whole arm; `factors` (K,) are the coefficients
+    in the order of its columns.
     """
-    effect = all_effects().get(applied.name)
-    if effect is None:
-        broken = broken_plug_ins()
-        why = f' ({broken[0]})' if broken else ''
-        raise ModelMismatchError(
-            f'the model has an effect {printable(applied.name)} that is not installed here{why}',
-            Hint.INSTALL_EFFECT)
-    return effect
 
+    effect: Effect
+    applied: AppliedEffect
+    joint: int
+    factors: FloatArray
 
-def joint_number(model: GravityModel, applied: AppliedEffect) -> int:
-    """Return the joint number for an effect's methods: 0 for the whole arm."""
-    return 0 if applied.joint is None else model.joints.index(applied.joint)
+    @classmethod
+    def of(cls, model: GravityModel, applied: AppliedEffect, motion: Motion) -> EffectInUse:
+        """
+        Return an effect of a model.
 
+        :raises ModelMismatchError: if it is not installed, or has other coefficients.
+        """
+        effect = all_effects().get(applied.name)
+        if effect is None:
+            broken = broken_plug_ins()
+            why = f' ({broken[0]})' if broken else ''
+            raise ModelMismatchError(f'the model has an effect {printable(applied.name)} that is '
+                                     f'not installed here{why}', Hint.INSTALL_EFFECT)
+        joint = 0 if applied.joint is None else model.joints.index(applied.joint)
+        symbols = [c.symbol for c in effect.coefficients_of(motion, joint, applied.setting)]
+        if set(symbols) != set(applied.coefficients):
+            raise ModelMismatchError(
+                f'the model has {applied.target} with the coefficients '
+                f'{", ".join(applied.coefficients)}, but the installed version has '
+                f'{", ".join(symbols)}. Remove the effect and add it again')
+        return cls(effect, applied, joint,
+                   np.array([applied.coefficients[symbol].value for symbol in symbols]))
 
-def coefficients(applied: AppliedEffect, effect: Effect, motion: Motion,
-                 joint: int) -> FloatArray:
-    """
-    Return the coefficients (K,) of an applied effect in the order of its columns.
+    def torque(self, motion: Motion) -> FloatArray:
+        """Return the torque in N·m, (M, N) of all joints or (M,) of one (`Effect.torque`)."""
+        return self.effect.torque(motion, self.joint, self.applied.setting, self.factors)
 
-    :raises ModelMismatchError: if the installed effect has others.
-    """
-    symbols = [c.symbol for c in effect.coefficients_of(motion, joint, applied.setting)]
-    if set(symbols) != set(applied.coefficients):
-        raise ModelMismatchError(
-            f'the model has {applied.target} with the coefficients '
-            f'{", ".join(applied.coefficients)}, but the installed version has '
-            f'{", ".join(symbols)}. Remove the effect and add it again')
-    return np.array([applied.coefficients[symbol].value for symbol in symbols])
+    @property
+    def joints(self) -> slice | int:
+        """Return the joints on which it acts."""
+        return slice(None) if self.effect.scope == 'arm' else self.joint
+
+    def add_to(self, total: FloatArray, motion: Motion) -> None:
+        """Add the torque to that of all joints (M, N), N·m."""
+        total[:, self.joints] += self.torque(motion)
 
 
 @dataclass(frozen=True)
@@ -160,43 +158,6 @@ class _Moment(Motion):
         return self.memo[key]
 
 
-@dataclass(frozen=True, eq=False)
-class _Term:
-    """An effect of a model; `factors` (K,) are the coefficients in the order of its columns."""
-
-    effect: Effect
-    applied: AppliedEffect
-    joint: int
-    factors: FloatArray
-
-    @classmethod
-    def of(cls, model: GravityModel, applied: AppliedEffect, moment: Motion) -> _Term:
-        """
-        Return an effect after one evaluation, so that errors occur before the loop.
-
-        :raises ModelMismatchError: if it was fitted by another version, or is not installed.
-        """
-        effect, joint = installed(applied), joint_number(model, applied)
-        try:
-            factors = coefficients(applied, effect, moment, joint)
-            effect.torque(moment, joint, applied.setting, factors)
-            return cls(effect, applied, joint, factors)
-        except Exception as problem:
-            # A plug-in may raise any error; a control loop must not end by it.
-            raise ModelMismatchError(
-                f'effect {applied.target} of the model was fitted by another version, or its code '
-                f'fails ({type(problem).__name__}: {printable(problem)}); it is left out'
-            ) from problem
-
-    def add_to(self, total: FloatArray, moment: Motion) -> None:
-        """Add the torque to that of all joints (N,), N·m."""
-        torque = self.effect.torque(moment, self.joint, self.applied.setting, self.factors)[0]
-        if self.effect.scope == 'arm':
-            total += torque
-        else:
-            total[self.joint] += torque
-
-
 class LiveEffects:
     """
     The torque of some effects of a model, sample by sample in order of time.
@@ -210,23 +171,27 @@ class LiveEffects:
     def __init__(self, model: GravityModel, effects: Iterable[AppliedEffect]) -> None:
         self._model, self.problem = model, ''
         self._elements: dict[_ElementKey, LiveElement] = {}
-        self._terms: list[_Term] = []
-        left_out = []
-        rest = np.zeros((3, model.n_joints))
+        self._effects: list[EffectInUse] = []
+        left_out, rest = [], np.zeros((3, model.n_joints))
         for applied in effects:
+            moment = self._moment(*rest, elements={})
             try:
-                if installed(applied).needs is Needs.HISTORY:
+                effect = EffectInUse.of(model, applied, moment)
+                if effect.effect.needs is Needs.HISTORY:
                     left_out.append(applied.target)
                     continue
-                self._terms.append(_Term.of(model, applied, self._moment(*rest, elements={})))
-            except ModelMismatchError as problem:
-                self.problem = str(problem)
+                effect.torque(moment)  # errors occur before the loop
+                self._effects.append(effect)
+            # A plug-in may raise any error; a control loop must not end by it.
+            except Exception as problem:  # noqa: B902
+                reason = printable(problem) or type(problem).__name__
+                self.problem = f'effect {applied.target} of the model is left out: {reason}'
         self.left_out = tuple(left_out)
 
     @property
     def targets(self) -> tuple[str, ...]:
         """The included effects, as `NAME:JOINT`."""
-        return tuple(term.applied.target for term in self._terms)
+        return tuple(effect.applied.target for effect in self._effects)
 
     def torque(self, q: FloatArray, qd: FloatArray, gravity: FloatArray,
                qdd: FloatArray | None = None) -> FloatArray:
@@ -237,14 +202,13 @@ class LiveEffects:
         :param gravity: the model's torque at that pose (N,) in N·m.
         :param qdd: acceleration (N,) in rad/s^2; without one effects that need it are neglected.
         """
-        total = np.zeros(len(q))
-        if not self._terms:
-            return total
-        moment = self._moment(q, qd, gravity, qdd, elements=self._elements)
-        for term in self._terms:
-            if qdd is not None or term.effect.needs is Needs.SPEED:
-                term.add_to(total, moment)
-        return total
+        total = np.zeros((1, len(q)))
+        if self._effects:
+            moment = self._moment(q, qd, gravity, qdd, elements=self._elements)
+            for each in self._effects:
+                if qdd is not None or each.effect.needs is Needs.SPEED:
+                    each.add_to(total, moment)
+        return total[0]
 
     def _moment(self, q: FloatArray, qd: FloatArray, gravity: FloatArray,
                 qdd: FloatArray | None = None, *,

@@ -13,7 +13,7 @@ from functools import partial
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.predict import installed, torque_on
+from gravity_comp_ros.effects.predict import EffectInUse
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.estimate import Estimate
@@ -77,10 +77,9 @@ def held_out_torques(estimate: Estimate) -> HeldOutTorques:
         part = replace(motion, samples=samples.select(numbers), qdd=motion.qdd[numbers],
                        gravity=gravity[here], memo={})
         for applied in (*model.applied.effects, *model.fitted.effects):
+            each = EffectInUse.of(model, applied, motion)
             # Dynamics depend on the present state alone.
-            is_state = installed(applied).is_shared
-            torque, joints = torque_on(model, applied, part if is_state else motion)
-            effects.setdefault(applied.target, np.zeros_like(gravity))[here, joints] = (
-                torque if is_state else torque[numbers])
+            torque = each.torque(part) if each.effect.is_shared else each.torque(motion)[numbers]
+            effects.setdefault(applied.target, np.zeros_like(gravity))[here, each.joints] = torque
     return HeldOutTorques(samples.tau[problem.used], gravity, effects,
                           samples.runs[problem.used])
