@@ -1,5 +1,5 @@
 """
-Effects that begin during a recording: change points, encoder offsets and base tilt.
+Effects that begin during a recording: change points, encoder offsets, base tilt and payload.
 
 The gravity of a model is that of the end of a recording, and absorbs an error that is there
 throughout. An effect describes the difference before the change. A change point is a clock time,
@@ -10,12 +10,15 @@ a fit.
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Callable
+
 from gravity_comp_ros.data.runs import recorded_time, run_slices, run_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.clock import clock_time, has_clock
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
+from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 import numpy as np
 
 # Numbers of parts of a single run and of one of several runs; more runs than this are not divided.
@@ -27,7 +30,7 @@ _MAX_RUNS_DIVIDED = 8
 _MIN_DURATION, _ROUNDING = 10.0, 0.1
 # Step of refined change points, relative to a part of a run.
 _FINER = 0.5
-# Minimum gravity gradient, in N·m/rad.
+# Minimum gravity torque per coefficient, in N·m/rad of an angle.
 _MIN_GRADIENT = 0.05
 UNITS = {'run': 'run number', 'time': 's', 'clock': 's'}
 
@@ -98,11 +101,24 @@ def _parts(n_runs: int) -> int:
 
 
 class ChangeEffect(Effect):
-    """An effect that begins at a change point, which is its setting."""
+    """
+    An effect that begins at a change point, which is its setting.
+
+    `changing` names the cause of the change, in text.
+    """
 
     setting_units = UNITS
+    scope = 'arm'
     is_static = True
     resembles_gravity = True
+    changing: str
+
+    @abstractmethod
+    def change(self, motion: Motion, joint: int) -> FloatArray:
+        """Return the torque of all joints after the change, (M, N, K), per coefficient."""
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return self.change(motion, joint) * change_factor(motion, setting)[:, None, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         return change_points(motion)
@@ -112,10 +128,16 @@ class ChangeEffect(Effect):
         return finer_points(motion, setting, step)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        if change_points(motion):
-            return None
-        return (f'the recordings take {recorded_time(motion.samples):.1f} s: a change requires '
-                f'{_MIN_DURATION:.0f} s of motion before and after it')
+        if not self.per_joint and motion.chain is None:
+            return f'{self.changing} requires a serial arm as the model of gravity'
+        if not change_points(motion):
+            return (f'the recordings take {recorded_time(motion.samples):.1f} s: a change '
+                    f'requires {_MIN_DURATION:.0f} s of motion before and after it')
+        slope = float(np.sqrt(np.mean(self.change(motion, joint) ** 2, axis=0)).max())
+        if slope < _MIN_GRADIENT:
+            unit = f'N·m/{self.coefficients[0].unit}'
+            return f'no gravity torque depends on {self.changing} ({slope:.2g} {unit})'
+        return None
 
 
 class EncoderOffset(ChangeEffect):
@@ -133,22 +155,13 @@ class EncoderOffset(ChangeEffect):
     experiment = 'move joint {joint} to its calibration mark and read its angle'
     signature = 'position'
     source = 'Yu 2022, Eq. (2), expanded to first order in one angle'
-    scope = 'arm'
+    changing = 'the angle of this joint'
     largest = 0.3
     why_not_larger = 'a linear model of the offset is inaccurate at this size; fit a new model'
     std = 0.05
 
-    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        factor = change_factor(motion, setting)
-        return (motion.gradient[:, :, joint] * factor[:, None])[:, :, None]
-
-    def untestable(self, motion: Motion, joint: int) -> str | None:
-        if reason := super().untestable(motion, joint):
-            return reason
-        slope = float(np.sqrt(np.mean(motion.gradient[:, :, joint] ** 2, axis=0)).max())
-        if slope < _MIN_GRADIENT:
-            return f'no gravity torque depends on the angle of this joint ({slope:.2g} N·m/rad)'
-        return None
+    def change(self, motion: Motion, joint: int) -> FloatArray:
+        return motion.gradient[:, :, [joint]]
 
 
 class BaseTilt(ChangeEffect):
@@ -169,34 +182,60 @@ class BaseTilt(ChangeEffect):
     signature = 'position of joint 1'
     source = ('R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008 (gravity as an '
               'acceleration of the base)')
-    scope = 'arm'
     per_joint = False
+    changing = 'a tilt of the base'
     largest = 0.35
     why_not_larger = 'such a tilt would be visible'
     std = 0.1
 
-    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return _tilted(motion) * change_factor(motion, setting)[:, None, None]
-
-    def untestable(self, motion: Motion, joint: int) -> str | None:
-        if motion.chain is None:
-            return 'a base tilt requires a serial arm as the model of gravity'
-        if reason := super().untestable(motion, joint):
-            return reason
-        slope = float(np.sqrt(np.mean(_tilted(motion) ** 2, axis=0)).max())
-        if slope < _MIN_GRADIENT:
-            return f'no gravity torque depends on a tilt of the base ({slope:.2g} N·m/rad)'
-        return None
+    def change(self, motion: Motion, joint: int) -> FloatArray:
+        return _of_chain(motion, 'tilt', lambda kinematics, chain: kinematics.axis_columns(
+            chain.moments)[:2])
 
 
-def _tilted(motion: Motion) -> FloatArray:
-    """Return the torque of all joints per tilt of the base, (M, N, 2) in N·m/rad."""
+class PayloadChange(ChangeEffect):
+    """
+    The columns are the torque of each moment of the chain, negative before the change.
+
+    A mass at the tool adds to every first moment h_i of the chain. Without the lengths of the
+    links the changes of the moments are free, with a prior of the size of the moments.
+    """
+
+    name = 'payload_change'
+    title = 'Payload change during the recording'
+    family = 'payload'
+    equation = ('tau = -sum_i (m_i d/dh_ix + n_i d/dh_iy) tau_g before the change, h_i the first '
+                'moment about joint i')
+    description = 'Tool or load that is attached or removed during the recording.'
+    coefficients = (Coefficient('m_i', 'N·m', 'change of the first moment about joint number i, '
+                                              'in its first direction'),
+                    Coefficient('n_i', 'N·m', 'the same in its second direction'))
+    confounders = ('torque_gain', 'torque_drift', 'encoder_offset', 'base_tilt')
+    experiment = ('record one run with the load and one without it, and estimate the change with '
+                  '`gravity_comp update`')
+    signature = 'time'
+    source = 'Yu 2022 (updates after a change of payload); derived in effects/changes.py'
+    per_joint = False
+    changing = 'a payload'
+    shares = (0.5,)
+
+    def change(self, motion: Motion, joint: int) -> FloatArray:
+        return _of_chain(motion, 'moments', lambda kinematics, chain: kinematics.moment_columns())
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        return tuple(Coefficient(f'{symbol}_{n + 1}', 'N·m',
+                                 f'change of the first moment about joint number {n + 1}')
+                     for n in range(motion.samples.n_joints) for symbol in ('m', 'n'))
+
+
+def _of_chain(motion: Motion, key: str,
+              columns: Callable[[ForwardKinematics, Chain], FloatArray]) -> FloatArray:
+    """Return columns (K, N, M) of the chain of a motion as (M, N, K), computed once."""
     assert motion.chain is not None
-    if 'tilt' not in motion.of_gravity:
+    if key not in motion.of_gravity:
         kinematics = ForwardKinematics(motion.chain.axes, motion.samples.q)
-        motion.of_gravity['tilt'] = kinematics.axis_columns(
-            motion.chain.moments)[:2].transpose(2, 1, 0)
-    return motion.of_gravity['tilt']
+        motion.of_gravity[key] = columns(kinematics, motion.chain).transpose(2, 1, 0)
+    return motion.of_gravity[key]
 
 
-EFFECTS = (EncoderOffset(), BaseTilt())
+EFFECTS = (EncoderOffset(), BaseTilt(), PayloadChange())

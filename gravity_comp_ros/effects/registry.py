@@ -12,7 +12,7 @@ from functools import cache, partial
 from importlib.metadata import entry_points
 
 from gravity_comp_ros.effects import (
-    changes, elastic, friction, friction_memory, offset, payload, periodic, rigid_body, timing)
+    changes, elastic, friction, friction_memory, offset, periodic, rigid_body, tool_force)
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
@@ -20,8 +20,7 @@ from gravity_comp_ros.printable import printable
 import numpy as np
 
 GROUP = 'gravity_comp_ros.effects'
-_FAMILIES = (friction, friction_memory, offset, elastic, periodic, changes, payload, rigid_body,
-             timing)
+_FAMILIES = (friction, friction_memory, offset, elastic, periodic, changes, tool_force, rigid_body)
 
 
 def all_effects() -> dict[str, Effect]:

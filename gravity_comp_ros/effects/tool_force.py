@@ -1,8 +1,6 @@
 """
-Effects of the tool: payload changes, and forces fixed in the tool frame.
+Forces that are fixed in the tool frame.
 
-A mass at the tool adds to every first moment h_i of the chain. Without the lengths of the links
-the changes of the moments are free, with a prior of the size of the moments.
 The torque of a force fixed in the tool frame on joint n depends on the joints after n only, not
 on its own angle, unlike gravity. Such a force is not conservative.
 """
@@ -13,11 +11,9 @@ from itertools import product
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.changes import change_factor, ChangeEffect
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
@@ -25,46 +21,6 @@ import numpy as np
 _EXACT_JOINTS = 3
 # Minimum travel in rad of one of the last two joints for a tool force.
 _MIN_TRAVEL = 0.1
-
-
-class PayloadChange(ChangeEffect):
-    """The columns are the torque of each moment of the chain, negative before the change."""
-
-    name = 'payload_change'
-    title = 'Payload change during the recording'
-    family = 'payload'
-    equation = ('tau = -sum_i (m_i d/dh_ix + n_i d/dh_iy) tau_g before the change, h_i the first '
-                'moment about joint i')
-    description = 'Tool or load that is attached or removed during the recording.'
-    coefficients = (Coefficient('m_i', 'N·m', 'change of the first moment about joint number i, '
-                                              'in its first direction'),
-                    Coefficient('n_i', 'N·m', 'the same in its second direction'))
-    confounders = ('torque_gain', 'torque_drift', 'encoder_offset', 'base_tilt')
-    experiment = ('record one run with the load and one without it, and estimate the change with '
-                  '`gravity_comp update`')
-    signature = 'time'
-    source = 'Yu 2022 (updates after a change of payload); derived in effects/payload.py'
-    scope = 'arm'
-    per_joint = False
-    shares = (0.5,)
-
-    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        assert motion.chain is not None
-        key = 'moments'
-        if key not in motion.of_gravity:
-            kinematics = ForwardKinematics(motion.chain.axes, motion.samples.q)
-            motion.of_gravity[key] = kinematics.moment_columns().transpose(2, 1, 0)
-        return motion.of_gravity[key] * change_factor(motion, setting)[:, None, None]
-
-    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
-        return tuple(Coefficient(f'{symbol}_{n + 1}', 'N·m',
-                                 f'change of the first moment about joint number {n + 1}')
-                     for n in range(motion.samples.n_joints) for symbol in ('m', 'n'))
-
-    def untestable(self, motion: Motion, joint: int) -> str | None:
-        if motion.chain is None:
-            return 'a payload change requires a serial arm as the model of gravity'
-        return super().untestable(motion, joint)
 
 
 class ToolForce(Effect):
@@ -83,7 +39,7 @@ class ToolForce(Effect):
     uses_gravity = False
     needs = Needs.SPEED
     source = ('R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008 (J^T f); derived '
-              'in effects/payload.py')
+              'in effects/tool_force.py')
     scope = 'arm'
     per_joint = False
     is_static = True
@@ -135,4 +91,4 @@ def _tool_features(n_joints: int) -> list[tuple[int, int]]:
     return pairs
 
 
-EFFECTS = (PayloadChange(), ToolForce())
+EFFECTS = (ToolForce(),)
