@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from difflib import SequenceMatcher
+from difflib import get_close_matches
 
 from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.effects.effect import Effect
@@ -12,9 +12,6 @@ from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.printable import printable
-
-# Minimum similarity of a suggested name.
-_MIN_SIMILARITY = 0.6
 
 
 @dataclass(frozen=True)
@@ -84,12 +81,7 @@ def _parse(text: str, joints: tuple[str, ...]) -> list[Request]:
 
 
 def _suggestion(word: str, known: Iterable[str]) -> str:
-    def similarity(name: str) -> float:
-        # The word may be an abbreviation of a name.
-        return max(SequenceMatcher(None, word, part).ratio()
-                   for part in (name, name[:len(word) + 1]))
-
-    closest = max(known, key=similarity, default=None)
-    if closest is None or similarity(closest) < _MIN_SIMILARITY:
-        return ''
-    return f' (did you mean {closest}?)'
+    # The word may be an abbreviation of a name.
+    whole = {part: name for name in known for part in (name, name[:len(word) + 1])}
+    closest = get_close_matches(word, whole, 1)
+    return f' (did you mean {whole[closest[0]]}?)' if closest else ''
