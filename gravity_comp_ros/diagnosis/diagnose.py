@@ -12,9 +12,8 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, JointReport
-from gravity_comp_ros.diagnosis.unexplained import unexplained
 from gravity_comp_ros.diagnosis.verdict import (
-    DiagnosisOptions, Evidence, finding_of, finding_of_dynamics)
+    DiagnosisOptions, Evidence, finding_of, finding_of_dynamics, unexplained)
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.estimation.estimate import Estimate, estimate
 from gravity_comp_ros.estimation.estimated_model import target_of
@@ -89,11 +88,10 @@ def _joint_report(evidence: Evidence, n: int, name: str,
     before, after, rest = (float(torques.rmse(names)[n])
                            for names in (predicted, {*predicted, *added}, every))
     noise = float(_white(evidence.estimated)[n])
-    span = max(float(np.ptp(torques.tau[:, n])), 1e-12)
     untestable = {effect: reason for (effect, joint), reason in
                   evidence.estimated.regression.candidates.untestable.items() if joint == n}
     own = [f for f in findings if f.joint == name]
-    remaining = rest / span if rest > 2.0 * noise else 0.0
+    remaining = rest / float(evidence.span[n]) if rest > 2.0 * noise else 0.0
     return JointReport(_summary(own, before, after), noise, float(evidence.n_effective[n]),
                        before, after, untestable,
                        remaining if remaining > evidence.options.min_remaining else 0.0)

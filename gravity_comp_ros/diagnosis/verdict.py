@@ -1,8 +1,9 @@
-"""Thresholds of a diagnosis, and verdicts on the terms of an estimate."""
+"""Thresholds of a diagnosis, verdicts on the terms of an estimate, and unexplained torque."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray
@@ -15,12 +16,17 @@ from gravity_comp_ros.estimation.estimated_model import (
     alternatives_of, gain_of_dynamics, has_dynamics, is_absorbed, motion_parameters, target_of,
     values_of)
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
+from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.regression.gains import p_of
+from gravity_comp_ros.regression.gains import gain as gain_at, p_of, score_of
 from gravity_comp_ros.regression.noise import correlation_times
 from gravity_comp_ros.regression.term import Term
 import numpy as np
+
+# Number of bumps over the range of a joint, and prior standard deviation of each as a share of
+# the torque scale.
+_BUMPS, _SIZE = 24, 0.03
 
 
 @dataclass(frozen=True)
@@ -91,38 +97,30 @@ class Evidence:
     def joints(self) -> tuple[str, ...]:
         return self.estimated.regression.problem.samples.names
 
-    def without_and_with(self, name: str) -> tuple[set[str], set[str]]:
-        """Return the predicted targets without and with an effect, all other terms predicted."""
-        others = {*self.torques.effects, *self.predicted} - {name}
-        return others, others | {name}
+    @cached_property
+    def span(self) -> FloatArray:
+        """Return the range of the torque of each joint (N,), N·m."""
+        return np.maximum(np.ptp(self.torques.tau, axis=0), 1e-12)
 
-    def acts_on(self, name: str, joint: str | None) -> int:
-        """Return the number of the joint whose error an effect changes most."""
-        if joint is not None:
-            return self.joints.index(joint)
-        size = np.sqrt((self.torques.effects[name] ** 2).mean(axis=0))
-        return int(np.argmax(size / np.maximum(np.ptp(self.torques.tau, axis=0), 1e-12)))
+    def held_out(self, name: str, joint: str | None) -> tuple[float, float, float]:
+        """
+        Return the held-out error without and with an effect, and the share of runs it improves.
 
-
-@dataclass(frozen=True)
-class _HeldOut:
-    """Held-out error of the most affected joint without and with an effect, as shares."""
-
-    before: float
-    after: float
-    runs_better: float
-
-    @classmethod
-    def of(cls, evidence: Evidence, name: str, joint: str | None) -> _HeldOut:
-        n = evidence.acts_on(name, joint)
-        without, with_it = (evidence.torques.residual(targets)[:, n]
-                            for targets in evidence.without_and_with(name))
-        span = max(float(np.ptp(evidence.torques.tau[:, n])), 1e-12)
-        run = evidence.torques.run
-        better = [float((with_it[run == k] ** 2).sum()) < float((without[run == k] ** 2).sum())
-                  for k in np.unique(run)]
-        return cls(float(np.sqrt((without ** 2).mean())) / span,
-                   float(np.sqrt((with_it ** 2).mean())) / span, float(np.mean(better)))
+        All other terms are predicted. The errors are those of the joint that the effect changes
+        most, as shares of its torque range.
+        """
+        torques = self.torques
+        if joint is None:
+            n = int(np.argmax((torques.effects[name] ** 2).mean(axis=0) / self.span ** 2))
+        else:
+            n = self.joints.index(joint)
+        others = {*torques.effects, *self.predicted} - {name}
+        squares = np.stack([torques.residual(targets)[:, n] ** 2
+                            for targets in (others, others | {name})])
+        before, after = np.sqrt(squares.mean(axis=1)) / self.span[n]
+        better = [np.less(*squares[::-1, torques.run == k].sum(axis=1))
+                  for k in np.unique(torques.run)]
+        return float(before), float(after), float(np.mean(better))
 
 
 def finding_of(evidence: Evidence, term: Term) -> Finding:
@@ -133,20 +131,20 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     shares = regression.identified[term.key]
     values, std = regression.posterior.beta[regression.posterior.at[term]], \
         regression.stds[term.key]
-    held_out = _HeldOut.of(evidence, target_of(term, evidence.joints), joint)
+    before, after, better = evidence.held_out(target_of(term, evidence.joints), joint)
     others = alternatives_of(regression, term, evidence.joints)
     listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
     share = regression.unabsorbed[term.key]
     identified = shares >= regression.problem.options.min_identified
     covers_zero = identified.any() and (np.abs(values) < HALF_95 * std)[identified].all()
-    verdict, why = _verdict(evidence, term, gain, share, values, bool(covers_zero), held_out,
-                            others)
+    is_better = after < (1.0 - evidence.options.min_reduction) * before
+    verdict, why = _verdict(evidence, term, values, bool(covers_zero), is_better, others)
     sizes = {symbol: size for (symbol, size), given
              in zip(values_of(listed, values, std).items(), identified) if given}
-    return Finding(joint, term.name, verdict, others, sizes, held_out.before, held_out.after,
-                   1.0 - share, held_out.runs_better, why,
-                   _next_step(term, verdict, joint), gain, p_of(gain - term.log_prior),
-                   dict(term.setting), to_add=_to_add(evidence, term, verdict))
+    step = '' if verdict in FOUND else term.effect.experiment.format(joint=joint or 'the arm')
+    return Finding(joint, term.name, verdict, others, sizes, before, after, 1.0 - share, better,
+                   why, step, gain, p_of(gain - term.log_prior), dict(term.setting),
+                   to_add=_to_add(evidence, term, verdict))
 
 
 def _to_add(evidence: Evidence, term: Term, verdict: Verdict) -> tuple[str, ...]:
@@ -163,11 +161,12 @@ def _to_add(evidence: Evidence, term: Term, verdict: Verdict) -> tuple[str, ...]
         if (name, joint) not in regression.candidates.untestable))
 
 
-def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: FloatArray,
-             covers_zero: bool, held_out: _HeldOut,
-             others: tuple[str, ...]) -> tuple[Verdict, str]:
+def _verdict(evidence: Evidence, term: Term, values: FloatArray, covers_zero: bool,
+             is_better: bool, others: tuple[str, ...]) -> tuple[Verdict, str]:
     """Return the verdict on a term, and why it is not better ('' for the best)."""
-    options, engine = evidence.options, evidence.estimated.regression.problem.options
+    regression, options = evidence.estimated.regression, evidence.options
+    gain, share = regression.gains[term.key], regression.unabsorbed[term.key]
+    engine = regression.problem.options
     alternatives = f'{", ".join(others)} would explain as much' if others else ''
     if share < engine.min_identified:
         why = (f'gravity absorbs all but {share:.1%} of its torque in this motion: their sum is '
@@ -177,7 +176,7 @@ def _verdict(evidence: Evidence, term: Term, gain: float, share: float, values: 
     reason = term.effect.implausible(values, term.setting)
     if reason:
         return Verdict.WEAK, f'its size is not physical: {reason}'
-    if held_out.after >= (1.0 - options.min_reduction) * held_out.before:
+    if not is_better:
         return Verdict.WEAK, 'it hardly reduces the held-out error of the joint'
     if covers_zero:
         return Verdict.WEAK, 'the interval of every coefficient covers 0'
@@ -211,8 +210,8 @@ def finding_of_dynamics(evidence: Evidence) -> Finding | None:
     gain = gain_of_dynamics(regression)
     if gain < regression.problem.options.min_gain:
         return None
-    held_out = _HeldOut.of(evidence, DYNAMICS, None)
-    if held_out.after >= (1.0 - evidence.options.min_reduction) * held_out.before:
+    before, after, better = evidence.held_out(DYNAMICS, None)
+    if after >= (1.0 - evidence.options.min_reduction) * before:
         return None
     p = len(shared.point)
     std = np.sqrt(np.maximum(np.diag(posterior.covariance)[:p], 0.0))
@@ -223,16 +222,60 @@ def finding_of_dynamics(evidence: Evidence) -> Finding | None:
     established = gain >= evidence.options.established
     why = '' if established else _little_evidence(gain, evidence.options.established)
     return Finding(None, DYNAMICS, Verdict.ESTABLISHED if established else Verdict.LIKELY, (),
-                   sizes, held_out.before, held_out.after, 0.0, held_out.runs_better,
-                   why, '', gain, p_of(gain), to_add=(DYNAMICS,))
+                   sizes, before, after, 0.0, better, why, '', gain, p_of(gain),
+                   to_add=(DYNAMICS,))
 
 
 def _little_evidence(gain: float, required: float) -> str:
     return f'its evidence is {gain:.1f} nats; {required:.0f} are required'
 
 
-def _next_step(term: Term, verdict: Verdict, joint: str | None) -> str:
-    """Return the motion that resolves an open finding, '' for an effect to add."""
-    if verdict in (Verdict.ESTABLISHED, Verdict.LIKELY):
-        return ''
-    return term.effect.experiment.format(joint=joint or 'the arm')
+def unexplained(evidence: Evidence) -> list[Finding]:
+    """
+    Return a finding for each joint whose residual repeats with its angle.
+
+    The residual of the estimate is compared with bumps over the angle, by the same criterion as
+    the effects: a column of Gaussian bumps with a prior of a few percent of the torque.
+    """
+    regression = evidence.estimated.regression
+    problem, findings = regression.problem, []
+    rmse = evidence.torques.rmse({*evidence.predicted, *evidence.torques.effects})
+    for n, name in enumerate(evidence.joints):
+        q = problem.rows.mean(problem.samples.q[:, n])
+        if np.ptp(q) <= FactOptions().min_travel:
+            continue
+        bumps, centres = _bumps(q)
+        std = np.full(_BUMPS, _SIZE * float(problem.scale.torque[n]))
+        # The effect of the term is not used by the score.
+        term = Term(_NoEffect(), n, {}, bumps, std, -np.log(1e3))  # type: ignore[arg-type]
+        scored = score_of(regression.posterior, term)
+        value = gain_at(regression.posterior, scored)
+        if value < problem.options.min_gain:
+            continue
+        torque = bumps @ scored.mean
+        before = float(rmse[n])
+        after = float(np.sqrt(max(before ** 2 - float((torque ** 2).mean()), 0.0)))
+        if before - after < evidence.options.min_remaining * before:
+            continue
+        angle = float(centres[int(np.argmax(np.abs(scored.mean)))])
+        findings.append(Finding(
+            name, None, Verdict.UNEXPLAINED, (), {}, before / evidence.span[n],
+            after / evidence.span[n],
+            1.0 - scored.unabsorbed, 1.0,
+            'the residual repeats with the angle, and no effect of the library describes it',
+            f'inspect joint {name} near {angle:.2f} rad', value, p_of(value),
+            {'angle': angle}))
+    return findings
+
+
+def _bumps(q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return Gaussian bumps (R, K) over angles (R,) in rad, and their centres (K,)."""
+    centres = np.linspace(q.min(), q.max(), _BUMPS)
+    width = float(centres[1] - centres[0])
+    return np.exp(-0.5 * ((q[:, None] - centres) / width) ** 2), centres
+
+
+class _NoEffect:
+    """The effect of a term that is no effect of the library."""
+
+    name, why_not_negative, corrects, is_static = 'unexplained', '', (), True
