@@ -17,7 +17,7 @@ HERE = Path(__file__).resolve().parent
 MODULES = ('gravity_comp_ros', 'gravity_comp_ros.api.loop', 'gravity_comp_ros.api.recording',
            'gravity_comp_ros.api.model', 'gravity_comp_ros.api.steps',
            'gravity_comp_ros.evaluation.compare',
-           'gravity_comp_ros.planning.expected', 'gravity_comp_ros.planning.options',
+           'gravity_comp_ros.planning.expected', 'gravity_comp_ros.planning.workspace',
            'gravity_comp_ros.diagnosis.findings', 'gravity_comp_ros.data.samples',
            'gravity_comp_ros.data.gate', 'gravity_comp_ros.errors')
 

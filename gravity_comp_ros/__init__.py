@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from gravity_comp_ros.errors import Hint as Hint
     from gravity_comp_ros.evaluation.compare import Comparison as Comparison
     from gravity_comp_ros.planning.expected import MotionPlan as MotionPlan
-    from gravity_comp_ros.planning.options import PlanOptions as PlanOptions
+    from gravity_comp_ros.planning.workspace import PlanOptions as PlanOptions
 
 __version__ = '0.1.0'
 
@@ -51,7 +51,7 @@ _MODULES = {
     'add_effects': 'api.loop', 'update': 'api.loop', 'plan': 'api.loop',
     'load': 'api.model', 'Model': 'api.model',
     'Comparison': 'evaluation.compare', 'Diagnosis': 'diagnosis.findings',
-    'MotionPlan': 'planning.expected', 'PlanOptions': 'planning.options',
+    'MotionPlan': 'planning.expected', 'PlanOptions': 'planning.workspace',
     'Finding': 'diagnosis.findings', 'Verdict': 'diagnosis.findings',
     'GravityCompError': 'errors', 'Hint': 'errors',
 }

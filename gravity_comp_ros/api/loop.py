@@ -18,7 +18,7 @@ from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import MotionPlan
-from gravity_comp_ros.planning.options import PlanOptions
+from gravity_comp_ros.planning.workspace import PlanOptions
 from gravity_comp_ros.planning.plan import plan as plan_motion
 
 

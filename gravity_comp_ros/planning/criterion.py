@@ -19,7 +19,6 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.planning.options import POSES
 from gravity_comp_ros.planning.sums import BATCH, Sums
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.gains import shares_left
@@ -29,8 +28,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 Terms = tuple[Term, ...]
-# Number of drawn results.
-_DRAWS = 200
+# Number of drawn results, and of poses over which the standard deviation of gravity is taken.
+_DRAWS, _POSES = 200, 300
 # A joint is uncertain if the standard deviation of its gravity exceeds this share of its torque
 # scale, and this multiple of the noise of a row.
 _MIN_OF_TORQUE, _MIN_OF_NOISE = 0.01, 0.5
@@ -150,7 +149,7 @@ class Gravity:
     def of(cls, regression: Regression, all_joints: bool) -> Gravity | None:
         """Return the question of a regression; None if no joint is uncertain."""
         problem = regression.problem
-        q = problem.samples.q[evenly_picked(problem.samples.n_samples, POSES)]
+        q = problem.samples.q[evenly_picked(problem.samples.n_samples, _POSES)]
         columns = regression.shared.columns(State(q, 0.0 * q, 0.0 * q))
         sums = Sums(regression, regression.terms, 0.0)
         columns = columns @ sums.root

@@ -28,8 +28,7 @@ from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmState, N
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import WHITE
 from gravity_comp_ros.models.sparse.dictionary import at_rest
-from gravity_comp_ros.planning.options import PlanOptions
-from gravity_comp_ros.planning.segments import duration, Limits, sampled, through
+from gravity_comp_ros.planning.workspace import duration, PlanOptions, sampled, through
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.start import CHANGING, GENERIC
 from gravity_comp_ros.regression.unknown_lengths import LengthPriors
@@ -257,8 +256,7 @@ class _Sums:
 
     def _moved(self, postures: FloatArray) -> tuple[float, FloatArray]:
         """Return duration and sums of the motion through postures (K, N) and back to the first."""
-        lines = through([*postures, postures[0]], Limits(
-            LIMITS.speed, PlanOptions.max_acceleration, PlanOptions.max_jerk))
+        lines = through([*postures, postures[0]], PlanOptions(max_speed=LIMITS.speed))
         seconds = duration(lines)
         q, qd, qdd = sampled(lines, _PLANNED / seconds)[1]
         nuisance = _FREE * np.stack([np.ones(q.shape), np.sign(qd), qd, qdd]).transpose(2, 0, 1)

@@ -18,18 +18,18 @@ from gravity_comp_ros.planning.collision import SelfCollision
 from gravity_comp_ros.planning.criterion import Criterion, Gravity, Question
 from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, MotionPlan, PlannedPart)
-from gravity_comp_ros.planning.options import GRAVITY, PlanOptions
 from gravity_comp_ros.planning.questions import (
     ambiguous_with, MAX_TARGETS, named_targets, open_targets, questions_of)
-from gravity_comp_ros.planning.segments import Limits, sampled
 from gravity_comp_ros.planning.selection import Part, Selection, strokes
 from gravity_comp_ros.planning.sums import joined, motion_of
-from gravity_comp_ros.planning.workspace import Workspace, workspace
+from gravity_comp_ros.planning.workspace import PlanOptions, sampled, Workspace, workspace
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.term import Key
 import numpy as np
 
 Progress = Callable[[str, float], None]
+# Name of the target that is not an effect: the gravity torque where it is uncertain.
+GRAVITY = 'gravity'
 
 
 def plan(samples: JointSamples, model: GravityModel, targets: Sequence[str] | None = None,
@@ -92,9 +92,7 @@ def _alternatives(space: Workspace, model: GravityModel, regression: Regression,
                   targets: Sequence[Key], gravity: Gravity | None, options: PlanOptions
                   ) -> tuple[Criterion, list[Part], list[str]]:
     """Return the criterion, the candidate parts, and why some targets have no question."""
-    limits = Limits(options.max_speed, options.max_acceleration, options.max_jerk)
-    joints = _joints(regression, targets, gravity)
-    parts = strokes(space, model, joints, limits, options.duration)
+    parts = strokes(space, model, _joints(regression, targets, gravity), options)
     if not parts:
         raise OptionError('plan: within the limits no joint of the targets can move; the '
                           'recorded range may be too narrow')

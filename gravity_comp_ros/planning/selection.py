@@ -15,8 +15,8 @@ from itertools import groupby
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.criterion import Criterion
-from gravity_comp_ros.planning.segments import duration, Limits, Line, through
-from gravity_comp_ros.planning.workspace import Workspace
+from gravity_comp_ros.planning.workspace import (
+    duration, Line, PlanOptions, through, Workspace)
 import numpy as np
 
 # Duration of strokes as a share of that of the motion, and at most in s: several short ones are
@@ -49,36 +49,36 @@ class Part:
         return duration(self.lines)
 
 
-def strokes(space: Workspace, model: GravityModel, joints: Sequence[int], limits: Limits,
-            seconds: float) -> list[Part]:
-    """Return parts of a motion of `seconds` that move one of some joints, or all at once."""
+def strokes(space: Workspace, model: GravityModel, joints: Sequence[int],
+            options: PlanOptions) -> list[Part]:
+    """Return parts that move one of some joints, or all at once."""
     rng, parts = np.random.default_rng(0), []
     for joint in joints:
         for posture, base in _bases(space, model, joint):
-            way = through([space.start, base], limits)
+            way = through([space.start, base], options)
             axes = [np.eye(len(base))[joint]]
             for _ in range(_TOGETHER * (len(joints) > 1)):
                 axes.append(np.zeros(len(base)))
                 axes[-1][list(joints)] = rng.choice([-1.0, 1.0], len(joints))
             parts += [Part(what + posture, tuple(np.flatnonzero(axis).tolist()), stops,
-                           through(stops, limits), way) for axis in axes
-                      for what, stops in _along(space, base, axis, limits, seconds)]
+                           through(stops, options), way) for axis in axes
+                      for what, stops in _along(space, base, axis, options)]
     return parts
 
 
-def _along(space: Workspace, base: FloatArray, axis: FloatArray, limits: Limits,
-           seconds: float) -> Iterator[tuple[str, list[FloatArray]]]:
+def _along(space: Workspace, base: FloatArray, axis: FloatArray,
+           options: PlanOptions) -> Iterator[tuple[str, list[FloatArray]]]:
     """Yield strokes along an axis about a base, and over all of the axis that is admitted."""
     up, down = (space.extent(base, sign * axis, _MAX_STROKE) for sign in (1.0, -1.0))
     if up + down < _MIN_STROKE:
         return
-    nominal = min(_SHARE * seconds, _MAX_SECONDS)
-    for length in dict.fromkeys((min(up + down, 0.5 * nominal * limits.speed), up + down)):
+    nominal = min(_SHARE * options.duration, _MAX_SECONDS)
+    for length in dict.fromkeys((min(up + down, 0.5 * nominal * options.max_speed), up + down)):
         low = float(np.clip(-0.5 * length, -down, up - length))
         bottom, top = base + low * axis, base + (low + length) * axis
-        cycle = 2.0 * Line(bottom, top, limits).duration
+        cycle = 2.0 * Line(bottom, top, options).duration
         together = 'together ' * bool(np.count_nonzero(axis) > 1)
-        yield (f'{together}back and forth over {length:.2g} rad at {limits.speed:.2g} rad/s',
+        yield (f'{together}back and forth over {length:.2g} rad at {options.max_speed:.2g} rad/s',
                [base, *[top, bottom] * max(1, int(nominal / cycle)), base])
 
 

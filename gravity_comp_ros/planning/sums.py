@@ -17,7 +17,7 @@ from dataclasses import replace
 from gravity_comp_ros.data.runs import median_interval
 from gravity_comp_ros.data.samples import concatenate, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.planning.segments import Line, sampled
+from gravity_comp_ros.planning.workspace import Line, sampled
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.rows import Rows, rows_of
 from gravity_comp_ros.regression.shared import State

@@ -1,4 +1,4 @@
-"""Admissible poses of a planned motion: position limits and distance to recorded poses."""
+"""Limits of a planned motion: its options, lines that keep them, and admissible poses."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.planning.collision import SelfCollision
-from gravity_comp_ros.planning.options import PlanOptions
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -18,6 +18,117 @@ _MAX_POSES = 1500
 # Distance between the points at which a line is checked, rad.
 _STEP = 0.01
 _ROUNDING = 1e-9
+
+_States = tuple[FloatArray, FloatArray, FloatArray]
+"""q, qd and qdd, each (M, N)."""
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """
+    Limits of the planned motion.
+
+    `duration` in s bounds the whole motion. `max_speed` (rad/s), `max_acceleration` (rad/s²) and
+    `max_jerk` (rad/s³) apply to every joint. Positions stay within `low` and `high` (N,) in rad,
+    by default the recorded range, and within `reach` rad of a recorded pose in every joint. The
+    motion starts and ends at `start` (N,), by default a recorded pose near the middle. `rate` in
+    Hz is that of the trajectory's points.
+
+    :raises OptionError: if a limit is not positive, or the arrays are inconsistent.
+    """
+
+    duration: float = 20.0
+    max_speed: float = 0.3
+    max_acceleration: float = 1.0
+    max_jerk: float = 10.0
+    reach: float = 0.3
+    rate: float = 50.0
+    low: FloatArray | None = None
+    high: FloatArray | None = None
+    start: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        check_positive(self, 'plan', 'duration', 'max_speed', 'max_acceleration', 'max_jerk',
+                       'rate')
+        if not self.reach > 0.0:
+            raise OptionError(f'plan: reach is {self.reach}; it must be positive')
+        if (self.low is None) != (self.high is None):
+            raise OptionError('plan: give both low and high, or neither')
+        if self.low is not None and self.high is not None and (
+                self.low.shape != self.high.shape or (self.low > self.high).any()):
+            raise OptionError('plan: low must not exceed high')
+        if self.start is not None and not np.isfinite(self.start).all():
+            raise OptionError('plan: the start pose is not finite')
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """
+    A straight line in joint space from `start` to `end`, which differ, at rest at both ends.
+
+    The speed rises over T_r as V (1 - cos(pi t / T_r)) / 2, is constant, and falls symmetrically.
+    The acceleration is at most pi V / (2 T_r), the jerk at most pi² V / (2 T_r²).
+    """
+
+    start: FloatArray
+    end: FloatArray
+    limits: PlanOptions
+
+    @cached_property
+    def _profile(self) -> tuple[float, float]:
+        """Return V in 1/s and T_r in s for a line of length 1."""
+        length = float(np.abs(self.end - self.start).max())
+        speed, bend, jerk = (limit / length for limit in (
+            self.limits.max_speed, self.limits.max_acceleration, self.limits.max_jerk))
+        # Both ramps together cover V T_r, at most the whole line.
+        top = min(speed, np.sqrt(2.0 * bend / np.pi), (np.sqrt(2.0 * jerk) / np.pi) ** (2.0 / 3.0))
+        ramp = max(np.pi * top / (2.0 * bend), np.pi * np.sqrt(top / (2.0 * jerk)))
+        return float(top), float(ramp)
+
+    @property
+    def duration(self) -> float:
+        top, ramp = self._profile
+        return ramp + max(1.0 / top, ramp)
+
+    def at(self, t: FloatArray) -> _States:
+        """Return the states at times (M,) from 0 to the duration."""
+        top, ramp = self._profile
+        # The second half mirrors the first.
+        late = t > 0.5 * self.duration
+        x = np.where(late, self.duration - t, t)
+        phase = np.pi * np.minimum(x, ramp) / ramp
+        s = top * (x - 0.5 * np.minimum(x, ramp) - 0.5 * ramp / np.pi * np.sin(phase))
+        v = 0.5 * top * (1.0 - np.cos(phase))
+        a = np.where(x < ramp, 0.5 * top * np.pi / ramp * np.sin(phase), 0.0)
+        s, a = np.where(late, 1.0 - s, s), np.where(late, -a, a)
+        move = self.end - self.start
+        return self.start + s[:, None] * move, v[:, None] * move, a[:, None] * move
+
+
+def through(poses: Sequence[FloatArray], limits: PlanOptions) -> tuple[Line, ...]:
+    """Return the lines from each pose to the next one; none between equal poses."""
+    return tuple(Line(a, b, limits) for a, b in zip(poses, poses[1:])
+                 if np.abs(b - a).max() > 1e-9)
+
+
+def duration(lines: Sequence[Line]) -> float:
+    """Return the duration of lines one after another, s."""
+    return sum(line.duration for line in lines)
+
+
+def sampled(lines: Sequence[Line], rate: float) -> tuple[FloatArray, _States]:
+    """
+    Return times (M,) in s and q, qd, qdd (M, N) of lines one after another.
+
+    Samples are 1 / rate apart; the last one is at the end, at rest.
+    """
+    ends = np.cumsum([line.duration for line in lines])
+    t = np.arange(int(np.ceil(ends[-1] * rate - 1e-9)) + 1) / rate
+    number = np.minimum(np.searchsorted(ends, t, side='right'), len(lines) - 1)
+    parts = [line.at(np.minimum(t[number == k] - end + line.duration, line.duration))
+             for k, (line, end) in enumerate(zip(lines, ends))]
+    q, qd, qdd = (np.concatenate(values) for values in zip(*parts))
+    return t, (q, qd, qdd)
 
 
 @dataclass(frozen=True, eq=False)

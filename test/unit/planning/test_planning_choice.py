@@ -14,7 +14,7 @@ from gravity_comp_ros.estimation.estimated_model import model_of
 from gravity_comp_ros.planning import plan, PlanOptions
 from gravity_comp_ros.planning.criterion import _evidence, Gravity
 from gravity_comp_ros.planning.questions import named_targets, open_targets, questions_of
-from gravity_comp_ros.planning.segments import Limits, Line, sampled
+from gravity_comp_ros.planning.workspace import Line, sampled
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
 from gravity_comp_ros.regression.gains import gain, score_of
@@ -40,7 +40,7 @@ def with_offset(samples, offset):
 def back_and_forth(*turns):
     """Return lines of the elbow, back and forth between angles in rad."""
     poses = [np.array([0.1, turn, -0.1]) for turn in turns]
-    return [Line(a, b, Limits(0.2, 1.0, 10.0)) for a, b in zip(poses, poses[1:])]
+    return [Line(a, b, PlanOptions(max_speed=0.2)) for a, b in zip(poses, poses[1:])]
 
 
 def asked(target, path):

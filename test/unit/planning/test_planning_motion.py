@@ -4,11 +4,10 @@ from bench.shared.planning_arm import model, NAMES, one_way, uncertain_model
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import BagError, DataError, OptionError
 from gravity_comp_ros.planning import plan, PlanOptions
-from gravity_comp_ros.planning.segments import Limits, Line, sampled
 from gravity_comp_ros.planning.selection import strokes
 from gravity_comp_ros.planning.trajectory_files import (
     from_yaml, read_trajectory, to_yaml, write_trajectory)
-from gravity_comp_ros.planning.workspace import workspace
+from gravity_comp_ros.planning.workspace import Line, sampled, workspace
 from hypothesis import assume, given, settings, strategies
 import numpy as np
 import pytest
@@ -19,20 +18,21 @@ POSES = strategies.lists(strategies.floats(-2.0, 2.0), min_size=3, max_size=3).m
 FRICTION = 'coulomb_friction:elbow'
 
 
-def check_limits(segments, limits: Limits, rate: float = 2000.0) -> None:
+def check_limits(segments, limits: PlanOptions, rate: float = 2000.0) -> None:
     """Check speed, acceleration, jerk, and that the derivatives are those of the positions."""
     t, (q, qd, qdd) = sampled(segments, rate)
-    assert np.abs(qd).max() <= limits.speed * (1 + 1e-9)
-    assert np.abs(qdd).max() <= limits.acceleration * (1 + 1e-9)
-    assert np.abs(np.diff(qdd, axis=0)).max() * rate <= limits.jerk * (1 + 1e-6)
-    assert np.abs(np.diff(q, axis=0) * rate - 0.5 * (qd[1:] + qd[:-1])).max() < 1e-3 * limits.jerk
+    assert np.abs(qd).max() <= limits.max_speed * (1 + 1e-9)
+    assert np.abs(qdd).max() <= limits.max_acceleration * (1 + 1e-9)
+    assert np.abs(np.diff(qdd, axis=0)).max() * rate <= limits.max_jerk * (1 + 1e-6)
+    speed = np.diff(q, axis=0) * rate
+    assert np.abs(speed - 0.5 * (qd[1:] + qd[:-1])).max() < 1e-3 * limits.max_jerk
     assert not qd[[0, -1]].any() or np.abs(qd[[0, -1]]).max() < 1e-9
 
 
 @given(POSES, POSES, LIMITS, LIMITS, LIMITS)
 def test_a_line_keeps_its_limits(a, b, speed, acceleration, jerk):
     assume(np.abs(b - a).max() > 1e-6)
-    limits = Limits(speed, acceleration, 10 * jerk)
+    limits = PlanOptions(30.0, speed, acceleration, 10 * jerk)
     line = Line(a, b, limits)
     rate = min(2000.0, 4000.0 / line.duration)
     check_limits([line], limits, rate)
@@ -43,7 +43,7 @@ def test_a_line_keeps_its_limits(a, b, speed, acceleration, jerk):
     _, qd, qdd = line.at(t)
     jerks = np.diff(qdd, axis=0) / np.diff(t)[:, None]
     reached = [np.abs(rate).max() / limit for rate, limit in (
-        (qd, limits.speed), (qdd, limits.acceleration), (jerks, limits.jerk))]
+        (qd, speed), (qdd, acceleration), (jerks, limits.max_jerk))]
     assert max(reached) == pytest.approx(1.0, rel=0.02)
 
 
@@ -82,9 +82,9 @@ def test_a_plan_never_exceeds_its_limits(seed, duration, speed, acceleration, je
        speed=strategies.floats(0.05, 1.0), reach=strategies.floats(0.05, 2.0))
 def test_strokes_keep_their_limits(seed, duration, speed, reach):
     old = one_way(seed, duration=20.0, rate=20.0)
-    space = workspace(old, PlanOptions(duration, reach=reach))
-    limits = Limits(speed, 1.0, 10.0)
-    parts = strokes(space, model(), (0, 2), limits, duration)
+    limits = PlanOptions(duration, speed, reach=reach)
+    space = workspace(old, limits)
+    parts = strokes(space, model(), (0, 2), limits)
     assert {part.joints for part in parts} == {(0,), (2,), (0, 2)}
     for part in parts[::7]:
         check_limits(part.lines, limits, 500.0)
