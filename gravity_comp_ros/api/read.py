@@ -143,12 +143,6 @@ def arm_facts(recording: Recording, arm: KnownArm | None = None,
     return [unless_accepted(fact, accept) for fact in facts]
 
 
-def judged(run: BagRecording, arm: KnownArm) -> ReadReport:
-    """Return the report of a file, with the facts on its joints against each other."""
-    facts = arm_facts(Recording(run.samples, None, (run.report,)), arm)
-    return replace(run.report, facts=(*run.report.facts, *facts))
-
-
 def check_facts(facts: Sequence[Fact], where: str = '') -> None:
     """
     Check that no fact is refused.

@@ -42,44 +42,18 @@ class Holdout:
                            if b.run < len(reports)]}
 
 
-def _runs(what: str, values: ArrayOrRuns, ndim: int,
-          expected: int | None = None) -> list[FloatArray]:
-    """Return one array of `ndim` dimensions per run."""
-    several = isinstance(values, list | tuple) and bool(values) and np.ndim(
-        values[0]) == ndim  # type: ignore[arg-type]
-    runs = [np.asarray(run, dtype=np.float64) for run in (
-        values if several else [values])]  # type: ignore[union-attr]
-    for number, run in enumerate(runs):
-        if run.ndim != ndim:
-            raise DataError(f'{what} of run {number} has shape {run.shape}; expected '
-                            f'{"(samples, joints)" if ndim == 2 else "(samples,)"}')
-    if expected is not None and len(runs) != expected:
-        raise DataError(f'{what} has {len(runs)} runs, q has {expected}')
-    return runs
+def _runs(values: ArrayOrRuns | None, are_several: bool) -> list[FloatArray]:
+    """Return one array per run."""
+    return [np.asarray(run, dtype=np.float64) for run in (
+        values if are_several else [values])]  # type: ignore[union-attr]
 
 
-def _times(t: ArrayOrRuns | None, rate: float | None, q: list[FloatArray]) -> list[FloatArray]:
-    if (t is None) == (rate is None):
-        raise OptionError('give either the times t in s, or the rate in Hz, not both')
-    if t is None:
-        if rate is None or not (np.isfinite(rate) and rate > 0.0):
-            raise OptionError(f'the rate is {rate} Hz; it must be positive')
-        return [np.arange(len(run)) / rate for run in q]
-    times = _runs('t', t, 1, len(q))
-    for number, (time, run) in enumerate(zip(times, q)):
-        if len(time) != len(run):
-            raise DataError(f'run {number}: t has {len(time)} values, q has {len(run)} rows')
-    return times
-
-
-def _names(names: Sequence[str] | None, q: list[FloatArray]) -> tuple[str, ...]:
-    n = q[0].shape[1]
-    if any(run.shape[1] != n for run in q):
-        raise DataError(f'the runs have {", ".join(str(run.shape[1]) for run in q)} joints; '
-                        'all runs must have the same joints')
-    if names is not None and len(names) != n:
-        raise DataError(f'{len(names)} names for {n} joints')
-    return tuple(names or (f'joint_{k + 1}' for k in range(n)))
+def _check_shapes(run: int, t: FloatArray, q: FloatArray, *others: FloatArray) -> None:
+    if q.ndim != 2 or not len(q) or t.shape != q.shape[:1] or {x.shape for x in others} != {
+            q.shape}:
+        raise DataError(f'run {run}: t has shape {t.shape}, q {q.shape}, tau and qd '
+                        f'{", ".join(str(x.shape) for x in others)}; expected (samples,) for t '
+                        f'and (samples, joints) for all others')
 
 
 def _check_velocity(run: int, joints: tuple[str, ...], t: FloatArray, q: FloatArray,
@@ -157,26 +131,33 @@ class Recording(Displayable):
         :raises ModelMismatchError: if `effort_scale` names an unknown joint.
         :raises OptionError: if not exactly one of `t` and `rate` is given, or a scale is invalid.
         """
-        runs_q = _runs('q', q, 2)
-        runs_tau = _runs('tau', tau, 2, len(runs_q))
-        runs_qd = None if qd is None else _runs('qd', qd, 2, len(runs_q))
-        times = _times(t, rate, runs_q)
-        joints = _names(names, runs_q)
-        scale, factor = _scale(effort_scale, joints), np.pi / 180.0 if degrees else 1.0
-        parts = []
-        for k, (time, positions, torque) in enumerate(zip(times, runs_q, runs_tau)):
-            position = factor * positions
-            speed = differentiate(time, position) if runs_qd is None else factor * runs_qd[k]
-            if torque.shape != position.shape or speed.shape != position.shape:
-                raise DataError(f'run {k}: q has shape {position.shape}, tau {torque.shape}, '
-                                f'qd {speed.shape}; they must be the same')
-            if runs_qd is not None:
+        if (t is None) == (rate is None):
+            raise OptionError('give either the times t in s, or the rate in Hz, not both')
+        if rate is not None and not (np.isfinite(rate) and rate > 0.0):
+            raise OptionError(f'the rate is {rate} Hz; it must be positive')
+        several = isinstance(q, list | tuple) and bool(q) and np.ndim(
+            q[0]) == 2  # type: ignore[arg-type]
+        positions, torques = _runs(q, several), _runs(tau, several)
+        times = [np.arange(len(run)) / rate for run in positions] if rate else _runs(t, several)
+        speeds = [] if qd is None else _runs(qd, several)
+        if {len(torques), len(times), len(speeds) or len(positions)} != {len(positions)}:
+            raise DataError(f'q has {len(positions)} runs, tau {len(torques)}, t {len(times)}'
+                            f'{f", qd {len(speeds)}" if speeds else ""}')
+        factor, parts = np.pi / 180.0 if degrees else 1.0, []
+        for k, (time, position, torque) in enumerate(zip(times, positions, torques)):
+            _check_shapes(k, time, position, torque, *speeds[k:k + 1])
+            joints = tuple(names or (f'joint_{n + 1}' for n in range(position.shape[1])))
+            position = factor * position
+            speed = factor * speeds[k] if speeds else differentiate(time, position)
+            if len(joints) != position.shape[1]:
+                raise DataError(f'run {k}: {len(joints)} names for {position.shape[1]} joints')
+            if speeds:
                 _check_velocity(k, joints, time, position, speed)
             # Differentiation gives NaN for an isolated sample. NaN in `qd` itself is an error.
-            keep = np.isfinite(speed).all(axis=1) if runs_qd is None else np.full(len(time), True)
+            keep = np.full(len(time), True) if speeds else np.isfinite(speed).all(axis=1)
             parts.append(JointSamples.single_run(
-                joints, time[keep] - time[0], position[keep], speed[keep], scale * torque[keep],
-                f'run {k}', float(time[0])))
+                joints, time[keep] - time[0], position[keep], speed[keep],
+                _scale(effort_scale, joints) * torque[keep], f'run {k}', float(time[0])))
         return cls(concatenate(parts), gate)
 
     def __len__(self) -> int:

@@ -20,7 +20,7 @@ import argparse
 from dataclasses import replace
 
 from gravity_comp_ros.api.axes import known_arm, KnownArm, NO_DESCRIPTION
-from gravity_comp_ros.api.read import joined, judged, read_each
+from gravity_comp_ros.api.read import arm_facts, joined, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import with_enough_motion
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
@@ -50,12 +50,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> terminal.Answer:
     options = replace(arguments.read_options(args), refuse=False)
     slow = arguments.gate(args) or GateOptions()
-    with terminal.progress() as report:
-        recordings = read_each(args.bags, options, report)
+    with terminal.progress() as progress:
+        recordings = read_each(args.bags, options, progress)
         facts, description = [], arguments.arm_options(args)
         for each in recordings:
-            arm = known_arm(Recording(each.samples, slow, (each.report,)), description)
-            facts.append((judged(each, arm), describe(each.samples, slow)))
+            recording = Recording(each.samples, slow, (each.report,))
+            arm = known_arm(recording, description)
+            report = replace(each.report, facts=(*each.report.facts, *arm_facts(recording, arm)))
+            facts.append((report, describe(each.samples, slow)))
         # Reports bags of different robots, which a fit would reject.
         together = arm.of(joined(recordings, slow))
         refusals = [fact for each, _ in facts for fact in refused(each.facts)]
