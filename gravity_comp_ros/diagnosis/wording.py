@@ -121,13 +121,10 @@ def plus_minus(estimate: Quantity) -> str:
 
 def before_and_after(finding: Finding) -> tuple[str, str]:
     """Return the held-out error without and with an effect, with distinguishable digits."""
-    return _differing(finding.nrmse_before, finding.nrmse_after)
-
-
-def _differing(before: float, after: float) -> tuple[str, str]:
+    before, after = finding.nrmse_before, finding.nrmse_after
     texts = percent(before), percent(after)
     if texts[0] == texts[1] and before != after:
-        texts = f'{100.0 * before:.4f} %', f'{100.0 * after:.4f} %'
+        return f'{100.0 * before:.4f} %', f'{100.0 * after:.4f} %'
     return texts
 
 

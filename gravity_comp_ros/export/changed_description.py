@@ -86,26 +86,11 @@ class Links:
         return np.column_stack([self.masses, self.masses[:, None] * self.centres]).ravel()
 
 
-@dataclass(frozen=True, eq=False)
-class NearestMasses:
-    """
-    `masses` (L,) in kg and `centres` (L, 3) in m of the links.
-
-    `before` and `after` are, by joint, the largest deviations in N·m from the model's torque in
-    the trained range, of the description as it was and of the result.
-    """
-
-    masses: FloatArray
-    centres: FloatArray
-    before: Mapping[str, float]
-    after: Mapping[str, float]
-
-
 def nearest_masses(links: Links, regressor: FloatArray, torque: FloatArray, noise: FloatArray,
                    joints: tuple[str, ...], options: NearestOptions = NearestOptions()
-                   ) -> NearestMasses:
+                   ) -> FloatArray:
     """
-    Return the masses and centres that give a torque.
+    Return the masses and first moments x (4L,) that give a torque, as `Links.parameters`.
 
     :param regressor: Y (M, N, 4L) at M poses, columns as `Links.parameters`.
     :param torque: of the model (M, N) in N·m at these poses.
@@ -117,12 +102,8 @@ def nearest_masses(links: Links, regressor: FloatArray, torque: FloatArray, nois
                                            0.01 * np.abs(torque).max(initial=1e-6))
     rows = (regressor / scale[:, None]).reshape(m * n, -1)
     x = _minimum(links, rows, (torque / scale).ravel(), options)
-    result = x.reshape(-1, 4)
-    residual = regressor @ x - torque
-    _check_misfit(residual, torque, noise, joints, options)
-    before, after = (dict(zip(joints, np.abs(deviation).max(axis=0).tolist()))
-                     for deviation in (regressor @ links.parameters - torque, residual))
-    return NearestMasses(result[:, 0], result[:, 1:] / result[:, :1], before, after)
+    _check_misfit(regressor @ x - torque, torque, noise, joints, options)
+    return x
 
 
 def _minimum(links: Links, rows: FloatArray, target: FloatArray,
@@ -221,17 +202,21 @@ def changed_description(edit: XmlEdit, model: GravityModel, links: Links,
     """
     q = random_poses(model.n_joints, model.coverage.q_min, model.coverage.q_max,
                      NearestOptions.poses)
-    result = nearest_masses(links, columns(q), model.predict(q), model.noise, model.joints)
-    changes = {}
-    for k, (name, mass, centre) in enumerate(zip(links.names, result.masses, result.centres)):
-        write(k, float(mass), centre)
-        changes[name] = LinkChange(float(links.masses[k]), float(mass),
+    regressor, torque, changes = columns(q), model.predict(q), {}
+    x = nearest_masses(links, regressor, torque, model.noise, model.joints)
+    for k, (name, (mass, *moment)) in enumerate(zip(links.names, x.reshape(-1, 4).tolist())):
+        centre = np.array(moment) / mass
+        write(k, mass, centre)
+        changes[name] = LinkChange(float(links.masses[k]), mass,
                                    tuple(links.centres[k].tolist()), tuple(centre.tolist()))
+    before, after = (
+        dict(zip(model.joints, np.abs(regressor @ each - torque).max(axis=0).tolist()))
+        for each in (links.parameters, x))
     written = written_friction(model, joints)
     _write_friction(edit, joints, written, friction)
     left_out = {effect.target: reason for effect in model.applied.effects
                 if effect not in written}
-    return ChangedDescription(edit.result(), changes, result.before, result.after,
+    return ChangedDescription(edit.result(), changes, before, after,
                               tuple(effect.target for effect in written), left_out, tuple(notes))
 
 
