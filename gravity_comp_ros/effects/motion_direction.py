@@ -39,8 +39,8 @@ SHORTEST = {'distance': DISTANCES[0] / _BELOW}
 # Speed over which exported friction changes its sign, rad/s: above the noise of a
 # velocity at rest.
 COMPENSATION_SPEED = 0.02
-# Half-width of the play operator that removes encoder noise, in standard deviations.
-_PLAY_WIDTHS = 3.0
+# Minimum return that counts as a reversal, in standard deviations of the encoder noise.
+_REVERSAL = 9.0
 # Minimum motion, as a share of the distance, that counts as a reversal of a live element. Encoder
 # noise at rest is smaller; it would otherwise erase the state.
 _MIN_REVERSAL = 0.1
@@ -243,16 +243,16 @@ def denoised_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
     """
     Return q (M,) of one run in rad, monotonic between reversals.
 
-    A reversal is detected where q has returned by nine standard deviations of the encoder noise;
+    A reversal is detected where q has returned by some standard deviations of the encoder noise;
     it is located at the extremum of q. Encoder noise at rest then does not change the state of
     presliding friction.
 
     :param t: times (M,) in s; evenly spaced by default.
     """
-    play = _PLAY_WIDTHS * float(white_noise([(q, t)]))
-    if play <= 0.0:
+    minimum = _REVERSAL * float(white_noise([(q, t)]))
+    if minimum <= 0.0:
         return q
-    detected = reversals_of(_play_operator(q, play), play)
+    detected = reversals_of(q, minimum)
     path, at, sign = np.empty_like(q), 0, detected[0][1] if detected else 0.0
     for sample, _ in detected[1:]:
         extremum = at + int(np.argmax(sign * q[at:sample + 1]))
@@ -260,17 +260,3 @@ def denoised_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
         at, sign = extremum, -sign
     path[at:] = sign * np.maximum.accumulate(sign * q[at:]) if sign else q[0]
     return path
-
-
-def _play_operator(q: FloatArray, play: float) -> FloatArray:
-    """Return the output (M,) of a play operator (backlash) of half-width `play` for input q."""
-    # Each sample clips the output to a range, and a sequence of clips is one clip: those of
-    # 2, 4, 8 ... samples follow from each other. The first sample fixes the output.
-    low, high = q - play, q + play
-    low[0] = high[0] = q[0]
-    step = 1
-    while step < len(q):
-        low[step:], high[step:] = (np.clip(before[:-step], low[step:], high[step:])
-                                   for before in (low, high))
-        step *= 2
-    return low

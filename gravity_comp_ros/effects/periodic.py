@@ -8,7 +8,6 @@ from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
-from numpy.typing import NDArray
 
 # Range of periods per revolution: gravity has one, springs on cranks two or three.
 _LOWEST = 4
@@ -49,9 +48,8 @@ class TorqueRipple(Effect):
     size = 0.03
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        first = _wave(motion, joint, setting['k'])
-        waves = [_power(first, int(order)) for order in _orders(setting)]
-        return np.stack([*(wave.imag for wave in waves), *(wave.real for wave in waves)]).T
+        angles = np.outer(motion.samples.q[:, joint], setting['k'] * _orders(setting))
+        return np.column_stack([np.sin(angles), np.cos(angles)])
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         orders = _orders(setting).astype(int)
@@ -88,24 +86,6 @@ class TorqueRipple(Effect):
             return (f'no period is identifiable over {excitation.travel(motion, joint):.2g} rad '
                     f'with this spacing of the samples')
         return None
-
-
-def _wave(motion: Motion, joint: int, k: float) -> NDArray[np.complex128]:
-    """Return exp(i k q) (M,); powers of one wave take a tenth of the time of sines."""
-    q = motion.samples.q[:, joint]
-    if k != int(k):
-        return np.asarray(np.exp(1j * k * q))
-    if ('wave', joint) not in motion.memo:
-        motion.memo['wave', joint] = np.exp(1j * q)
-    return _power(motion.memo['wave', joint], int(k))
-
-
-def _power(wave: NDArray[np.complex128], exponent: int) -> NDArray[np.complex128]:
-    """Return a power of at least 1, by squaring."""
-    if exponent == 1:
-        return wave
-    half = _power(wave, exponent // 2)
-    return half * half * wave if exponent % 2 else half * half
 
 
 def _orders(setting: Setting) -> FloatArray:
