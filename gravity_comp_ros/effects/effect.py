@@ -25,36 +25,12 @@ import numpy as np
 Setting = Mapping[str, float]
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """
-    Physical sizes from which the prior of an effect's coefficients follows.
-
-    `torque` in N·m is the joint's torque scale; `columns` (K,) the RMS of the effect's columns.
-    """
-
-    torque: float
-    columns: FloatArray
-
-
 class Needs(StrEnum):
     """Quantities from which the torque of an effect at a moment follows."""
 
     SPEED = 'pose, speed and direction of motion'
     ACCELERATION = 'acceleration as well'
     HISTORY = 'time, or samples before or after'
-
-
-class Expectation(StrEnum):
-    """Prior expectation of an effect: common in joints, or rare."""
-
-    COMMON = 'common'
-    RARE = 'rare'
-
-    @property
-    def log_odds(self) -> float:
-        """Return the prior log odds that a joint has it: even, or 1 to 55."""
-        return 0.0 if self is Expectation.COMMON else -4.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +63,7 @@ class Effect(ABC):
     - `per_joint`: whether it belongs to a joint. An encoder offset does, although it acts on
       several torques. A base tilt does not: it is tested once, and its methods ignore the joint
       number.
-    - `expectation`: prior expectation, which determines the evidence required.
+    - `is_common`: whether joints have it as often as not; other effects are rare (`log_odds`).
     - `is_static`: whether it holds the arm at rest, as gravity does.
     - `resembles_gravity`: whether it depends on the pose as gravity may, so that little motion
       does not separate both.
@@ -124,7 +100,7 @@ class Effect(ABC):
     source: str
     scope: str = 'joint'
     per_joint: bool = True
-    expectation: Expectation = Expectation.RARE
+    is_common: bool = False
     is_static: bool = False
     resembles_gravity: bool = False
     needs: Needs = Needs.HISTORY
@@ -195,13 +171,23 @@ class Effect(ABC):
         """Return why this motion does not excite it, as a clause; None if it does."""
         return None
 
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        """Return the prior standard deviations (K,) of the coefficients about 0."""
+    @property
+    def log_odds(self) -> float:
+        """Return the prior log odds that a joint has it: even, or 1 to 55."""
+        return 0.0 if self.is_common else -4.0
+
+    def prior_std(self, torque: float, columns: FloatArray) -> FloatArray:
+        """
+        Return the prior standard deviations (K,) of the coefficients about 0.
+
+        :param torque: scale of the joint's torque, N·m.
+        :param columns: RMS of the columns (K,).
+        """
         if self.std:
-            return np.full(len(sizes.columns), self.std)
+            return np.full(len(columns), self.std)
         if self.shares:
-            return np.full(len(sizes.columns), sizes.torque) * self.shares
-        return np.asarray(self.size * sizes.torque / np.maximum(sizes.columns, 1e-9))
+            return np.full(len(columns), torque) * self.shares
+        return np.asarray(self.size * torque / np.maximum(columns, 1e-9))
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         """Return one coefficient for each column that `columns` returns for the same motion."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Needs, Setting
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Needs, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import law_of, LAW_UNITS, laws, refined_laws, WIDTHS
 from gravity_comp_ros.effects.refining import scaled
@@ -74,7 +74,7 @@ class CoulombFriction(DirectionEffect):
     needs = Needs.SPEED
     source = ('C. A. Coulomb, Théorie des machines simples, 1785; H. Olsson et al., Friction '
               'models and friction compensation, European Journal of Control 4, 1998')
-    expectation = Expectation.COMMON
+    is_common = True
     why_not_negative = _DISSIPATES
     shares = (0.1,)
 
@@ -97,7 +97,7 @@ class ViscousFriction(Effect):
     needs = Needs.SPEED
     source = ('H. Olsson et al., Friction models and friction compensation, European Journal of '
               'Control 4, 1998')
-    expectation = Expectation.COMMON
+    is_common = True
     why_not_negative = _DISSIPATES
     shares = (1.0,)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import (
-    Coefficient, Coefficients, Effect, Needs, Setting, Sizes)
+    Coefficient, Coefficients, Effect, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -76,9 +76,9 @@ class TorqueRipple(Effect):
                 *({**setting, 'harmonics': other} for other in (count - 1.0, count + 1.0)
                   if 1.0 <= other <= _MAX_HARMONICS)]
 
-    def prior_std(self, sizes: Sizes) -> FloatArray:
-        orders = np.arange(1, len(sizes.columns) // 2 + 1)
-        return np.tile(self.size * sizes.torque / orders, 2)
+    def prior_std(self, torque: float, columns: FloatArray) -> FloatArray:
+        orders = np.arange(1, len(columns) // 2 + 1)
+        return np.tile(self.size * torque / orders, 2)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         lowest, highest = _range(motion, joint)

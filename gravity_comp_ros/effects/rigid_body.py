@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from gravity_comp_ros.data.poses import batches
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import (
-    Coefficient, Coefficients, Effect, Expectation, Needs, Setting)
+    Coefficient, Coefficients, Effect, Needs, Setting)
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.kinematic.arm_columns import (
     ArmMotion, kept_parameters, motion_columns, motion_torque)
@@ -48,7 +48,7 @@ class RigidBodyDynamics(Effect):
               'J. Wittenburg, Dynamics of Systems of Rigid Bodies, 1977')
     scope = 'arm'
     per_joint = False
-    expectation = Expectation.COMMON
+    is_common = True
     is_shared = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:

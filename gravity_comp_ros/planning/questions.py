@@ -12,7 +12,6 @@ from dataclasses import replace
 
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects import excitation
-from gravity_comp_ros.effects.effect import Expectation
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import known_effect, requests
@@ -52,7 +51,7 @@ def open_targets(regression: Regression, diagnosis: Diagnosis) -> list[Key]:
         for f in diagnosis.findings
         if f.verdict in OPEN and f.effect is not None and f.effect in all_effects()]
     untestable = [(name, joint) for name, joint in regression.candidates.untestable
-                  if joint is not None and all_effects()[name].expectation is Expectation.COMMON
+                  if joint is not None and all_effects()[name].is_common
                   and excitation.travel(regression.motion, joint) > excitation.STILL]
     targets += sorted(untestable, key=lambda key: -float(scale[key[1]]))
     return [key for key in dict.fromkeys(targets) if not all_effects()[key[0]].is_shared]
@@ -127,7 +126,7 @@ class _Maker:
         keys = [t.key for t in self._regression.terms]
         if term.joint is not None:
             keys += [(name, term.joint) for name, effect in all_effects().items()
-                     if effect.expectation is Expectation.COMMON and not effect.is_shared]
+                     if effect.is_common and not effect.is_shared]
         if term.parents and not term.parents & set(keys):
             keys += [(name, term.joint) for name in term.effect.corrects[:1]]
         others = ambiguous_with(self._regression, term.key) | {term.key}

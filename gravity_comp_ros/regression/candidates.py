@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from gravity_comp_ros.effects.effect import Effect, Expectation, Setting, Sizes
+from gravity_comp_ros.effects.effect import Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.regression.prior import Scale
 from gravity_comp_ros.regression.rows import Rows
@@ -54,9 +54,9 @@ class TermFactory:
         size = np.sqrt([np.vdot(used[..., k], used[..., k]) / used[..., k].size
                         for k in range(used.shape[-1])])
         torque = float(self.scale.torque[number]) if joint is not None else self.scale.largest
-        std = effect.prior_std(Sizes(torque, size))
-        return Term(effect, joint, dict(setting), self.rows.mean(columns), np.asarray(std),
-                    effect.expectation.log_odds - float(np.log(n_settings)))
+        std = np.asarray(effect.prior_std(torque, size))
+        return Term(effect, joint, dict(setting), self.rows.mean(columns), std,
+                    effect.log_odds - float(np.log(n_settings)))
 
     def settings(self, effect: Effect, joint: int | None) -> tuple[list[Setting], str]:
         """Return the settings of an effect to compare, and the reason why there are none."""
@@ -131,8 +131,7 @@ def common_terms(factory: TermFactory, effects: Sequence[Effect]) -> tuple[Term,
     """
     terms = []
     for effect in effects:
-        if (effect.expectation is not Expectation.COMMON or effect.is_shared
-                or effect.is_static):
+        if not effect.is_common or effect.is_shared or effect.is_static:
             continue
         for joint in range(factory.motion.samples.n_joints):
             settings, _ = factory.settings(effect, joint)

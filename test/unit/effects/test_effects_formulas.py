@@ -6,7 +6,6 @@ from bench.shared.effect_motions import clean_motion
 from gravity_comp_ros.data.sample_buffer import SampleBuffer
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.changes import change_factor
-from gravity_comp_ros.effects.effect import Sizes
 from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import SHORTEST
@@ -197,7 +196,7 @@ def test_columns_of_the_whole_arm_by_hand(motion):
     ('time_delay', [3.0], [0.02]),
 ])
 def test_prior_standard_deviations_by_hand(name, columns, expected):
-    std = known_effect(name).prior_std(Sizes(20.0, np.array(columns)))
+    std = known_effect(name).prior_std(20.0, np.array(columns))
     np.testing.assert_allclose(std, expected)
 
 

@@ -6,7 +6,7 @@ import re
 from bench.shared.effect_motions import (
     ARMS, base_columns, clean_motion, least_squares, NOISE, session_motion)
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Sizes
+from gravity_comp_ros.effects.effect import Coefficient, Effect
 from gravity_comp_ros.effects.offset import TorqueOffset
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
@@ -97,8 +97,8 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
             assert columns.dtype == np.float64 and np.isfinite(columns).all()
             assert kinds(setting) <= set(effect.setting_units)
             assert all(np.isfinite(value) for value in setting.values())
-            std = effect.prior_std(Sizes(10.0, np.sqrt((columns ** 2).mean(axis=tuple(
-                range(columns.ndim - 1))))))
+            std = effect.prior_std(10.0, np.sqrt((columns ** 2).mean(
+                axis=tuple(range(columns.ndim - 1)))))
             assert std.shape == (k,) and (std > 0).all() and np.isfinite(std).all()
             again = effect.columns(motion, joint, setting)
             np.testing.assert_array_equal(columns, again)
