@@ -11,7 +11,7 @@ from bench.paper.scenes import FloatArray, Scene
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.effects.predict import effect_torque
-from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.effects.registry import requests
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.update import update

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from bench.shared.serial_arms import planar_2r
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.registry import known_effect
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design

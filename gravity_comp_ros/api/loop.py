@@ -14,12 +14,12 @@ from gravity_comp_ros.api.steps import (
 from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.registry import known_effect
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import MotionPlan
-from gravity_comp_ros.planning.workspace import PlanOptions
 from gravity_comp_ros.planning.plan import plan as plan_motion
+from gravity_comp_ros.planning.workspace import PlanOptions
 
 
 def fit(recording: Recording, *, formulation: str | None = None,

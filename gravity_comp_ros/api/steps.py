@@ -23,7 +23,7 @@ from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.predict import effect_torque
-from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.effects.registry import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.axis_directions import joint_order_from_torques
 from gravity_comp_ros.estimation.estimate import FitOptions

@@ -24,8 +24,7 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import add_to_model, with_enough_motion
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
-from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.effects.registry import all_effects, requests
 from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model

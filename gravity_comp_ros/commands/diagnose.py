@@ -34,8 +34,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
-from gravity_comp_ros.effects.registry import broken_plug_ins
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.registry import broken_plug_ins, known_effect
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.facts.motion import describe

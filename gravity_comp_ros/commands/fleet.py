@@ -25,7 +25,7 @@ from typing import Any
 from gravity_comp_ros.api.axes import ArmOptions
 from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.diagnosis.findings import Verdict
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.registry import known_effect
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.estimation.estimate import CHOICES
 from gravity_comp_ros.fleet.run import (

@@ -13,7 +13,7 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect
-from gravity_comp_ros.effects.request import Request
+from gravity_comp_ros.effects.registry import Request
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.estimate import (

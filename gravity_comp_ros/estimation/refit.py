@@ -12,8 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.effects.request import Request
+from gravity_comp_ros.effects.registry import all_effects, Request
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError, FitError, Hint
 from gravity_comp_ros.estimation.estimate import CHOICES, Estimate, estimate, FitOptions, Progress

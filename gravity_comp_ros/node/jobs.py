@@ -16,8 +16,7 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import conclude
 from gravity_comp_ros.effects.predict import effect_torque, fitted_torque, predict_torque
-from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.effects.registry import all_effects, requests
 from gravity_comp_ros.errors import DataError, FitError, GravityCompError
 from gravity_comp_ros.estimation.chain_of_model import axes_under, ChainOfModel
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions

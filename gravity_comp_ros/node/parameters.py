@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields
 import math
 from typing import Any
 
-from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.effects.registry import requests
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.facts.fact import Kind
 

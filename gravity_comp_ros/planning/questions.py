@@ -13,8 +13,7 @@ from dataclasses import replace
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.effects.request import known_effect, requests
+from gravity_comp_ros.effects.registry import all_effects, known_effect, requests
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.planning.criterion import Question, Terms

@@ -14,8 +14,7 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import conclude, diagnose
 from gravity_comp_ros.diagnosis.findings import FOUND, Verdict
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.effects.registry import library_effects
-from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.effects.registry import library_effects, requests
 from gravity_comp_ros.estimation.estimate import estimate
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit

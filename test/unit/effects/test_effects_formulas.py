@@ -9,7 +9,7 @@ from gravity_comp_ros.effects.changes import change_factor
 from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import SHORTEST
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.registry import known_effect
 import numpy as np
 import pytest
 

@@ -11,8 +11,7 @@ from bench.shared.effect_motions import clean_motion
 from docs import make_effects
 from gravity_comp_ros.effects.offset import TorqueOffset
 from gravity_comp_ros.effects.periodic import TorqueRipple
-from gravity_comp_ros.effects.registry import all_effects, guarded, library_effects
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.registry import all_effects, guarded, known_effect, library_effects
 from gravity_comp_ros.errors import OptionError
 import numpy as np
 import pytest

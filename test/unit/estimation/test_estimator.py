@@ -6,7 +6,7 @@ from bench.shared.campaign import campaign
 from bench.shared.rough_links import two_links
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import fitted_torque
-from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.effects.registry import requests
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit

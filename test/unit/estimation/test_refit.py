@@ -10,7 +10,7 @@ from gravity_comp_ros.data.gate import GateOptions, slow_samples
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.effects.periodic import TorqueRipple
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
-from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.effects.registry import requests
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit

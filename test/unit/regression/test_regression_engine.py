@@ -9,8 +9,7 @@ from bench.shared.serial_arms import planar_2r
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.friction import ViscousFriction
 from gravity_comp_ros.effects.motion_direction import presliding_state
-from gravity_comp_ros.effects.registry import library_effects
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.registry import known_effect, library_effects
 from gravity_comp_ros.regression.alternatives import alternatives
 from gravity_comp_ros.regression.engine import _search as search_of, regress
 from gravity_comp_ros.regression.exchanges import _again as select_again

@@ -4,7 +4,7 @@ from functools import cache
 
 from bench.shared.regression_cases import (
     first_terms, linear_problem, motion_of_joints, NOISE, OwnGravity, with_torque)
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.registry import known_effect
 from gravity_comp_ros.regression.candidates import candidates_of
 from gravity_comp_ros.regression.design import Design, Pool
 from gravity_comp_ros.regression.gains import (

@@ -6,7 +6,7 @@ from bench.shared.regression_cases import motion_of_joints, OwnGravity, with_tor
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.motion_direction import presliding_state
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.registry import known_effect
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.regression.linear import Linear
