@@ -46,9 +46,14 @@ class RecordingEffect(Effect):
 
     @staticmethod
     def factors(motion: Motion, setting: Setting) -> FloatArray:
-        """Return the factors (M, K) of a mean, and of the deviations of all but the last."""
+        """
+        Return the factors (M, K) of a mean, and of the deviations of all but the last.
+
+        Other recordings, and samples of which the recording is unknown, have the mean.
+        """
         samples, recordings = motion.samples, np.array(list(setting.values()))
-        columns = np.ones((samples.n_samples, max(1, len(recordings))))
+        columns = np.zeros((samples.n_samples, max(1, len(recordings))))
+        columns[:, 0] = 1.0
         own = _names(samples, 'start_1' in setting)[1]
         if len(recordings) and own:
             here = np.abs(np.array(own)[samples.runs, None] - recordings) < _SAME_START

@@ -60,6 +60,20 @@ def test_the_torque_is_that_of_the_library(number):
     assert np.abs(result).max() > 0.05
 
 
+@pytest.mark.parametrize('kind', ['start', 'recording'])
+def test_of_values_by_recording_a_control_loop_and_other_recordings_have_the_mean(kind):
+    recordings = {f'{kind}_{k}': 1e9 + 100.0 * k for k in (1, 2, 3)}
+    built = model((effect('torque_offset', 'a', recordings, b=1.0, d_1=0.5, d_2=0.25),
+                   effect('torque_gain', 'b', recordings, k=0.1, d_1=0.2, d_2=0.3)))
+    zero, expected = np.zeros(2), [1.0, 0.1 * 10.0]
+    live = LiveEffects(built, built.applied.effects)
+    np.testing.assert_allclose(live.torque(zero, zero, np.array([0.0, 10.0])), expected)
+    for start in (None, 2e9):
+        samples = JointSamples.single_run(['a', 'b'], [0.0], *np.zeros((3, 1, 2)), start=start)
+        other = effect_torque(built, samples, np.array([[0.0, 10.0]]))
+        np.testing.assert_allclose(other, [expected])
+
+
 def test_friction_with_a_memory_persists_at_rest_in_spite_of_encoder_noise():
     built = model((EFFECTS[2],))
     live, rng = LiveEffects(built, built.applied.effects), np.random.default_rng(0)
