@@ -177,11 +177,11 @@ def effect_code(model: GravityModel, numbers: Numbers) -> EffectCode:
         if law is None or effect.joint is None:
             left_out[effect.target] = _NO_LAW
             continue
-        coded = replace(effect, setting=in_motion(effect.setting, COMPENSATION_SPEED))
+        coded = _elsewhere(replace(effect, setting=in_motion(effect.setting, COMPENSATION_SPEED)))
         trial = _Effect(model, coded, Numbers())
         try:
             law(trial)
-            if trial.used != set(effect.coefficients):
+            if trial.used != set(coded.coefficients):
                 raise DataError(f'unknown coefficients {sorted(effect.coefficients)}')
         except (KeyError, DataError):
             left_out[effect.target] = ('its coefficients or nonlinear parameters are not those '
@@ -195,3 +195,11 @@ def effect_code(model: GravityModel, numbers: Numbers) -> EffectCode:
             moving.append(effect.target)
     return EffectCode(tuple(lines[True]), tuple(lines[False]), tuple(included), left_out,
                       tuple(moving))
+
+
+def _elsewhere(effect: AppliedEffect) -> AppliedEffect:
+    """Return an effect with its mean alone, if it has one value for each recording."""
+    if not {'start_1', 'recording_1'} & set(effect.setting):
+        return effect
+    return replace(effect, setting={}, coefficients={
+        symbol: x for symbol, x in effect.coefficients.items() if not symbol.startswith('d_')})

@@ -48,6 +48,8 @@ def model_of(kind: str, seed: int = 0, right_angles: bool = False) -> GravityMod
 
 EFFECTS = (
     ('torque_offset', 0, {}, {'b': 0.7}), ('torque_gain', 1, {}, {'k': -0.08}),
+    ('torque_offset', 2, {'start_1': 1e9, 'start_2': 2e9}, {'b': 0.4, 'd_1': 0.3}),
+    ('torque_gain', 4, {'recording_1': 7.0, 'recording_2': 8.0}, {'k': 0.06, 'd_1': 0.02}),
     ('joint_spring', 1, {'centre': 0.3, 'overtones': 0.0}, {'k': 4.0, 'm': 0.5}),
     ('joint_spring', 2, {'centre': 0.3, 'overtones': 2.0},
      {'a_2': 1.0, 'a_3': -0.4, 'b_2': 0.6, 'b_3': 0.2}),
