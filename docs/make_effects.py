@@ -29,8 +29,8 @@ effect, N the number of joints.
   last session that was fitted, which goes on in later recordings. Samples of a node always
   continue it: the node does not know when the arm was switched on.
 - **Changes** (encoder offset, base tilt, payload change) begin at a `time` in s of a `run`, or at
-  a `clock` time in s. Gravity is that of the end of the recording, and absorbs an error that is
-  there throughout.
+  a `clock` time in s. Other recordings without a clock are predicted as after the change. Gravity
+  is that of the end of the recording, and absorbs an error that is there throughout.
 
 The literature is the attribute `source` of each class. Your own effects: [python.md](python.md).
 """

@@ -102,7 +102,7 @@ def settings(effect: AppliedEffect) -> str:
     """Return the nonlinear parameters with a meaning: not the names of recordings or a clock."""
     units = all_effects()[effect.name].setting_units
     return ', '.join(f'{name} {x:.3g}' for name, x in effect.setting.items()
-                     if name in units and name != 'clock')
+                     if name in units and name not in ('clock', 'recording'))
 
 
 def plus_minus(estimate: Quantity) -> str:

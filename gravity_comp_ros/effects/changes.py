@@ -3,9 +3,9 @@ Effects that begin during a recording: change points, encoder offsets, base tilt
 
 The gravity of a model is that of the end of a recording, and absorbs an error that is there
 throughout. An effect describes the difference before the change. A change point is a clock time,
-so later recordings are predicted without the effect. Without a clock it is a run and a time within
-that run. An error against an earlier model or a robot description is found by comparing that with
-a fit.
+so later recordings are predicted without the effect. Without a clock it is a time within a run of
+a recording, and other recordings are predicted without the effect. An error against an earlier
+model or a robot description is found by comparing that with a fit.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ _MIN_DURATION, _ROUNDING = 10.0, 0.1
 _FINER = 0.5
 # Minimum gravity torque per coefficient, in N·m/rad of an angle.
 _MIN_GRADIENT = 0.05
-UNITS = {'run': 'run number', 'time': 's', 'clock': 's'}
+UNITS = {'run': 'run number', 'time': 's', 'clock': 's', 'recording': ''}
 
 
 def change_factor(motion: Motion, setting: Setting) -> FloatArray:
     """
     Return the factor of a change at each sample, (M,): -1 before it, 0 from it on.
 
-    Without a clock a setting is valid in the recordings that it was found in only.
+    Without a clock the change is in the run with the fingerprint `recording`, if it is known.
     """
     samples = motion.samples
     if setting['clock'] == 0.0:
@@ -50,10 +50,14 @@ def change_factor(motion: Motion, setting: Setting) -> FloatArray:
 
 
 def _before(samples: JointSamples, setting: Setting) -> BoolArray:
-    """Return a mask (M,) of the samples before `time` s in run number `run`, from 1."""
-    runs = samples.runs + 1
-    return np.asarray((runs < setting['run'])
-                      | ((runs == setting['run']) & (run_time(samples) < setting['time'])))
+    """Return a mask (M,) of the samples before `time` s in a run, none in other recordings."""
+    run, recording = setting['run'] - 1, setting.get('recording', 0.0)
+    if recording:
+        if recording not in samples.fingerprints:
+            return np.zeros(samples.n_samples, dtype=bool)
+        run = samples.fingerprints.index(int(recording))
+    return np.asarray((samples.runs < run)
+                      | ((samples.runs == run) & (run_time(samples) < setting['time'])))
 
 
 def change_points(motion: Motion) -> list[dict[str, float]]:
@@ -87,11 +91,11 @@ def _with_motion(motion: Motion, points: list[dict[str, float]]) -> list[dict[st
 
 def _point(samples: JointSamples, run: int, time: float) -> dict[str, float]:
     """Return the setting of a change at `time` s in a run; `clock` is 0 without a clock."""
-    stamp = 0.0
+    stamp, recording = 0.0, float(samples.fingerprints[run]) if samples.fingerprints else 0.0
     if has_clock(samples):
         first = samples.t[np.searchsorted(samples.runs, run)]
         stamp = float(samples.starts[run] + first + time)
-    return {'run': run + 1.0, 'time': time, 'clock': stamp}
+    return {'run': run + 1.0, 'time': time, 'clock': stamp, 'recording': recording}
 
 
 def _parts(n_runs: int) -> int:

@@ -235,6 +235,22 @@ def test_a_later_recording_has_the_last_payload():
         assert not effect.columns(motion, 0, setting).any()
 
 
+def test_other_recordings_without_a_clock_have_the_last_payload():
+    motion, effect = clean_motion('six_axis'), known_effect('payload_change')
+    one, two, three = motion.samples.each_run()
+    other = replace(motion, samples=concatenate(
+        [replace(run, fingerprints=(1 + k,)) for k, run in enumerate((one, two, three))]))
+    moved = replace(motion, samples=concatenate([replace(three, fingerprints=(1,)), one, two]))
+    for setting in effect.settings(motion, 0):
+        assert setting['clock'] == 0.0 and effect.columns(motion, 0, setting).any()
+        assert not effect.columns(other, 0, setting).any()
+        # A recording is known by its samples, not by its number.
+        if setting['run'] == 2.0:
+            np.testing.assert_array_equal(
+                change_factor(moved, setting)[moved.samples.runs == 2],
+                change_factor(motion, setting)[motion.samples.runs == 1])
+
+
 def test_change_points_are_starts_of_runs_and_times_within_them():
     motion = clean_motion('six_axis')
     points = known_effect('payload_change').settings(motion, 0)
