@@ -48,12 +48,14 @@ def _runs(values: ArrayOrRuns | None, are_several: bool) -> list[FloatArray]:
         values if are_several else [values])]  # type: ignore[union-attr]
 
 
-def _check_shapes(run: int, t: FloatArray, q: FloatArray, *others: FloatArray) -> None:
-    if q.ndim != 2 or not len(q) or t.shape != q.shape[:1] or {x.shape for x in others} != {
+def _check_run(run: int, t: FloatArray, q: FloatArray, *others: FloatArray) -> None:
+    if q.ndim != 2 or not q.size or t.shape != q.shape[:1] or {x.shape for x in others} != {
             q.shape}:
         raise DataError(f'run {run}: t has shape {t.shape}, q {q.shape}, tau and qd '
                         f'{", ".join(str(x.shape) for x in others)}; expected (samples,) for t '
                         f'and (samples, joints) for all others')
+    if not (np.isfinite(t).all() and np.isfinite(q).all()):
+        raise DataError(f'run {run}: a value of t or q is not finite')
 
 
 def _check_velocity(run: int, joints: tuple[str, ...], t: FloatArray, q: FloatArray,
@@ -145,7 +147,7 @@ class Recording(Displayable):
                             f'{f", qd {len(speeds)}" if speeds else ""}')
         factor, parts = np.pi / 180.0 if degrees else 1.0, []
         for k, (time, position, torque) in enumerate(zip(times, positions, torques)):
-            _check_shapes(k, time, position, torque, *speeds[k:k + 1])
+            _check_run(k, time, position, torque, *speeds[k:k + 1])
             joints = tuple(names or (f'joint_{n + 1}' for n in range(position.shape[1])))
             position = factor * position
             speed = factor * speeds[k] if speeds else differentiate(time, position)

@@ -174,6 +174,8 @@ def test_runs_units_and_scales_of_arrays():
     ({'names': ['a']}, DataError, '1 names for 2 joints'),
     ({'qd': np.full((60, 2), 5.0)}, DataError, 'contradicts q'),
     ({'tau': np.full((60, 2), np.nan)}, DataError, 'not finite'),
+    ({'t': np.full(60, np.nan)}, DataError, 't or q .* not finite'),
+    ({'q': np.where(np.arange(120).reshape(60, 2) == 7, np.nan, 1.0)}, DataError, 'not finite'),
     ({'effort_scale': 0.0}, OptionError, 'not 0'),
     ({'effort_scale': {'wrist': 1.0}}, ModelMismatchError, 'wrist')])
 def test_invalid_arrays_are_refused(change, error, message):
