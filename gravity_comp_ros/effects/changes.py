@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 from gravity_comp_ros.data.runs import recorded_time, run_slices, run_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.effects.clock import clock_time, has_clock
+from gravity_comp_ros.effects.clock import clock_time, has_clock, is_stamped
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
@@ -44,7 +44,7 @@ def change_factor(motion: Motion, setting: Setting) -> FloatArray:
     samples = motion.samples
     if setting['clock'] == 0.0:
         return np.where(_before(samples, setting), -1.0, 0.0)
-    if not samples.starts:
+    if not is_stamped(samples):
         return np.zeros(samples.n_samples)
     return np.where(clock_time(samples) < setting['clock'], -1.0, 0.0)
 

@@ -30,10 +30,11 @@ _MIN_TIME = 120.0
 
 def has_clock(samples: JointSamples) -> bool:
     """Return whether the stamps are of a clock that goes on from recording to recording."""
-    return _is_stamped(samples) and have_common_clock(samples)
+    return is_stamped(samples) and have_common_clock(samples)
 
 
-def _is_stamped(samples: JointSamples) -> bool:
+def is_stamped(samples: JointSamples) -> bool:
+    """Return whether the times of the samples are of a clock."""
     return bool(samples.starts) and float(clock_time(samples).min(initial=np.inf)) > MIN_STAMP
 
 
@@ -58,7 +59,7 @@ def since(samples: JointSamples, setting: Setting) -> FloatArray:
     before the origin are at 0.
     """
     origin = setting['origin']
-    if origin == 0.0 or not _is_stamped(samples):
+    if origin == 0.0 or not is_stamped(samples):
         return session_time(samples)
     clock, time, known = clock_time(samples), np.empty(samples.n_samples), slice(0)
     runs = [(samples.starts[samples.runs[run.start]], float(clock[run][-1]), run)

@@ -233,6 +233,9 @@ def test_a_later_recording_has_the_last_payload():
         later = replace(motion, samples=stamped[1])
         assert not effect.columns(later, 0, setting).any()
         assert not effect.columns(motion, 0, setting).any()
+        # Times from 0, as of a simulation or a table, are of no clock.
+        counted = replace(motion, samples=replace(motion.samples, starts=(0.0, 200.0, 400.0)))
+        assert not effect.columns(counted, 0, setting).any()
 
 
 def test_other_recordings_without_a_clock_have_the_last_payload():
