@@ -84,6 +84,40 @@ class FactOptions:
     # Number of joints that move widely, above which one of them at least carries gravity: a
     # vertical axis and the roll of the last link carry none.
     min_wide_joints: float = 3
+    # Share of messages from which a defect is an error; rarer ones are dropped. Also the changes
+    # from one publisher to the other per message of the rarer one (publishers alternate, whereas
+    # the arrays of one change once, as its drives are enabled), and the share of the usual effort
+    # that falls to 0; that of a coarse sensor falls less.
+    common: float = 0.5
+    # Position, velocity or effort in any unit that is no measurement.
+    max_magnitude: float = 1e9
+    # Number of times that the recorder's clock is set back: the messages of a file whose log times
+    # go back more often are not in the order of their arrival.
+    max_steps: int = 3
+    # s, and median intervals: shortest gap.
+    gap: float = 10.0
+    gap_steps: float = 100.0
+    # s. Between rows of one message; far below any interval of messages.
+    same_time: float = 1e-4
+    # Ratio of the step over two messages to that over one, of positions that alternate.
+    max_return: float = 0.2
+    # Share of all joints that belong to arms, and number of joint names that two arms have in
+    # common if these have sides, and otherwise.
+    min_arms: float = 0.6
+    min_side_names: int = 2
+    min_names: int = 4
+    # rad/s. Mean speed of the fastest joint; time in another unit has smaller ones, compared with
+    # the typical speed. The second one is that of a table with intervals of at least
+    # `long_interval`, in s, which are long for this unit, too.
+    min_speed: float = 5e-4
+    min_sparse_speed: float = 5e-3
+    long_interval: float = 0.5
+    typical_speed: float = 0.3
+    # Factor between a measured velocity and the rate of change of the position.
+    tolerance: float = 1.25
 
     def __post_init__(self) -> None:
         check_positive(self, 'facts')
+
+
+FACTS = FactOptions()

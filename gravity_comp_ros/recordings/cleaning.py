@@ -16,10 +16,9 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import (
     accepted_kinds, Action, Fact, Kind, refused, unless_accepted)
 from gravity_comp_ros.facts.judge import judge
-from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.printable import counted
-from gravity_comp_ros.recordings.defects import DEFECTS
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Recording
 from gravity_comp_ros.recordings.storage import fingerprint
@@ -46,13 +45,13 @@ class Cleaning:
         self.where, self.joints, self.notes, self.facts = where, joints, notes, facts
         self.options, self.accept = options, accepted_kinds(options.accept)
         self.dropped = Counter(columns.dropped)
-        columns.put_in_order(DEFECTS.max_steps)
+        columns.put_in_order(FACTS.max_steps)
         self.log_ns, self.stamp_ns = columns.log_ns, columns.stamp_ns
         self.present = columns.presence(joints)
         self.q, self.qd, self.tau = columns.values(joints)
         beyond = mask_out_of_range(self.q, self.qd, self.tau)
         if beyond:
-            self.notes.append(f'{counted(beyond, "value")} beyond {DEFECTS.max_magnitude:g}: not '
+            self.notes.append(f'{counted(beyond, "value")} beyond {FACTS.max_magnitude:g}: not '
                               f'a measurement, treated as missing')
         sign, unit, zero = options.to_model(joints)
         if zero.any() or (sign * unit != 1.0).any():
@@ -145,16 +144,16 @@ class Cleaning:
             bad = ~np.isfinite(values)
             share = bad.mean(axis=0)
             worst = int(np.argmax(share))
-            if share[worst] < DEFECTS.common:
+            if share[worst] < FACTS.common:
                 continue
             of, count, advice = f' of joint {self.joints[worst]}', bad[:, worst].sum(), (
                 f'leave it out with --joints '
-                f'{",".join(np.array(self.joints)[share < DEFECTS.common])}')
-            if (share >= DEFECTS.common).all():
+                f'{",".join(np.array(self.joints)[share < FACTS.common])}')
+            if (share >= FACTS.common).all():
                 of, count, advice = '', bad.any(axis=1).sum(), (
                     'for every joint; the driver must publish it')
             raise BagError(f'{self.where}: {what}{of} is missing, NaN or beyond '
-                           f'{DEFECTS.max_magnitude:g} in {count} of {len(values)} messages; '
+                           f'{FACTS.max_magnitude:g} in {count} of {len(values)} messages; '
                            f'{advice}')
         self._keep(np.isfinite(self.q).all(axis=1) & np.isfinite(self.tau).all(axis=1),
                    NOT_FINITE)
@@ -164,7 +163,7 @@ class Cleaning:
         for joint in self.q.T if len(self.q) >= 20 else ():
             step = np.median(np.abs(np.diff(joint)))
             back = np.median(np.abs(joint[2:] - joint[:-2]))
-            if step > FactOptions().min_motion and back < DEFECTS.max_return * step:
+            if step > FACTS.min_motion and back < FACTS.max_return * step:
                 raise BagError(
                     f'{self.where}: positions alternate between two values from message to '
                     f'message, as if two robots published the same joint names on one topic; give '
@@ -174,7 +173,7 @@ class Cleaning:
         """Return the mask (N,) of joints whose velocity is computed from the position."""
         if self.options.differentiate:
             return np.ones(len(self.joints), dtype=bool)
-        missing = np.asarray((~np.isfinite(self.qd)).mean(axis=0) >= DEFECTS.common)
+        missing = np.asarray((~np.isfinite(self.qd)).mean(axis=0) >= FACTS.common)
         self._keep(np.isfinite(self.qd[:, ~missing]).all(axis=1), VELOCITY)
         return missing
 
@@ -182,7 +181,7 @@ class Cleaning:
         """Choose stamp or log time, and drop messages that are not later than all before."""
         clock = self.stamp_ns
         backwards = np.count_nonzero(~_rising(clock))
-        if FactOptions().max_outliers * clock.size < backwards > np.count_nonzero(
+        if FACTS.max_outliers * clock.size < backwards > np.count_nonzero(
                 ~_rising(self.log_ns)):
             unset = 'are not set' if not clock.any() else 'do not increase'
             self.notes.append(f'header stamps {unset}: the time of recording is used')
@@ -230,10 +229,10 @@ def listed(dropped: Mapping[str, int]) -> str:
 
 
 def mask_out_of_range(*arrays: FloatArray) -> int:
-    """Set finite values beyond `DEFECTS.max_magnitude` to NaN, in place; return their number."""
+    """Set finite values beyond `FACTS.max_magnitude` to NaN, in place; return their number."""
     count = 0
     for column in (column for values in arrays for column in values.T):
-        beyond = np.isfinite(column) & (np.abs(column) > DEFECTS.max_magnitude)
+        beyond = np.isfinite(column) & (np.abs(column) > FACTS.max_magnitude)
         column[beyond] = np.nan
         count += int(beyond.sum())
     return count
@@ -249,7 +248,7 @@ def gap_notes(t: FloatArray) -> list[str]:
     if not steps.size:
         return []
     longest = int(np.argmax(steps))
-    count = int((steps > max(DEFECTS.gap, DEFECTS.gap_steps * float(np.median(steps)))).sum())
+    count = int((steps > max(FACTS.gap, FACTS.gap_steps * float(np.median(steps)))).sum())
     if not count:
         return []
     what = 'a gap of' if count == 1 else f'{count} gaps, the longest'
@@ -274,10 +273,10 @@ def _second_publisher(columns: Columns, joints: Sequence[str], q: FloatArray,
     second: BoolArray = np.asarray(relevant & ~with_effort)
     few = min(int(second.sum()), int((relevant & with_effort).sum()))
     nothing = np.zeros_like(second)
-    if few < FactOptions().rare * relevant.sum() or few < 2:
+    if few < FACTS.rare * relevant.sum() or few < 2:
         return nothing, None
     order = second[relevant]
-    if np.count_nonzero(order[1:] != order[:-1]) < DEFECTS.common * few:
+    if np.count_nonzero(order[1:] != order[:-1]) < FACTS.common * few:
         return nothing, None
     names = columns.names_of(int(np.argmax(second)))
     if not _positions_differ(q[relevant], order):
@@ -299,11 +298,11 @@ def _positions_differ(q: FloatArray, second: BoolArray) -> bool:
     """Return whether positions change where the publisher changes."""
     step = np.nanmax(np.abs(np.diff(q, axis=0)), axis=1)
     changes = second[1:] != second[:-1]
-    return bool(np.nanmedian(step[changes]) > FactOptions().min_motion)
+    return bool(np.nanmedian(step[changes]) > FACTS.min_motion)
 
 
 def _efforts_fall(tau: FloatArray, second: BoolArray) -> bool:
     """Return whether efforts change by their usual size where the publisher changes."""
     size = np.abs(tau[~second]).max(axis=1)
     step = np.abs(np.diff(tau, axis=0)).max(axis=1)[second[1:] != second[:-1]]
-    return bool(np.median(step) > DEFECTS.common * np.median(size))
+    return bool(np.median(step) > FACTS.common * np.median(size))

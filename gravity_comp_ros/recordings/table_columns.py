@@ -21,8 +21,8 @@ import re
 from gravity_comp_ros.data.differentiation import is_inconsistent, slope_ratios
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.printable import shown_names
-from gravity_comp_ros.recordings.defects import DEFECTS
 from gravity_comp_ros.recordings.table_files import Table
 from gravity_comp_ros.recordings.units import TIME_UNITS
 import numpy as np
@@ -305,7 +305,7 @@ def _groups(t: FloatArray, blank: np.ndarray) -> np.ndarray:
     starts, filled = [0], ~blank[0]
     for k in range(1, len(t)):
         present = ~blank[k]
-        is_same = abs(t[k] - t[starts[-1]]) <= DEFECTS.same_time
+        is_same = abs(t[k] - t[starts[-1]]) <= FACTS.same_time
         if not is_same or (filled & present).any():
             starts.append(k)
             filled = present

@@ -10,9 +10,8 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.facts.joints import by_position
-from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.options import FactOptions, FACTS
 from gravity_comp_ros.facts.signals import Signals
-from gravity_comp_ros.recordings.defects import DEFECTS
 from gravity_comp_ros.recordings.units import TIME_UNITS
 import numpy as np
 
@@ -39,14 +38,14 @@ def check_seconds(path: Path, t: FloatArray, q: FloatArray) -> None:
     :raises BagError: if the speed is implausibly small; the message suggests a unit.
     """
     duration, travel = float(t[-1] - t[0]), float(np.ptp(q, axis=0).max())
-    if len(t) < 10 or travel < FactOptions().min_motion:
+    if len(t) < 10 or travel < FACTS.min_motion:
         return
     speed = float(np.abs(np.diff(q, axis=0)).sum(axis=0).max()) / duration
-    is_sparse = float(np.median(np.diff(t))) >= DEFECTS.long_interval
-    if speed >= (DEFECTS.min_sparse_speed if is_sparse else DEFECTS.min_speed):
+    is_sparse = float(np.median(np.diff(t))) >= FACTS.long_interval
+    if speed >= (FACTS.min_sparse_speed if is_sparse else FACTS.min_speed):
         return
     unit = min(('ms', 'us', 'ns'),
-               key=lambda u: abs(np.log(speed / TIME_UNITS[u] / DEFECTS.typical_speed)))
+               key=lambda u: abs(np.log(speed / TIME_UNITS[u] / FACTS.typical_speed)))
     raise BagError(f'{path}: with time in s the recording lasts {duration:.3g} s and no joint '
                    f'moves faster than {speed:.2g} rad/s on average: give --time-unit {unit}, or '
                    f's if that is right')
@@ -60,7 +59,7 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
     :param time_known: whether the unit of the time was given.
     :raises BagError: if they differ by a unit factor or in sign.
     """
-    moving = np.ptp(q, axis=0) > FactOptions().min_motion
+    moving = np.ptp(q, axis=0) > FACTS.min_motion
     if len(t) < 50 or not moving.any():
         return
     # The unit of the time may be another one: ratios are those of a twentieth of the table.
@@ -82,7 +81,7 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
         f'{without}',
         -1.0: f'it seems that the velocity has the opposite sign: give {without}'}
     for factor, problem in problems.items():
-        if 1 / DEFECTS.tolerance < ratio / factor < DEFECTS.tolerance:
+        if 1 / FACTS.tolerance < ratio / factor < FACTS.tolerance:
             raise BagError(f'{path}: {problem}')
 
 
@@ -103,7 +102,7 @@ def decoded(values: FloatArray) -> tuple[FloatArray, str]:
     for name, limit, decode in _ENCODINGS:
         signed = decode(values)
         after = _change(signed)
-        is_better = (after < FactOptions().better * before).any() or largest >= _NO_COUNT
+        is_better = (after < FACTS.better * before).any() or largest >= _NO_COUNT
         if limit <= largest < 2 * limit and is_better and (after <= before).all():
             candidates.append((float(after.sum()), float(np.abs(signed).max()), name, signed))
     if not candidates:

@@ -10,7 +10,7 @@ from gravity_comp_ros.data.joint_names import joint_named, rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.facts.fact import accepted_kinds, Action, Fact, unless_accepted
 from gravity_comp_ros.facts.joints import named_facts
-from gravity_comp_ros.recordings.defects import DEFECTS
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.joint_state_cdr import CDR, ROS1
 from gravity_comp_ros.recordings.messages import Storage
@@ -101,9 +101,9 @@ def choose_joints(where: str, columns: Columns, options: ReadOptions
     present = columns.presence(joints)
     present = present[present.any(axis=1)]
     missing = 1 - present.mean(axis=0)
-    if (missing >= DEFECTS.common).any():
+    if (missing >= FACTS.common).any():
         worst = int(np.argmax(missing))
-        good = [joint for joint, share in zip(joints, missing) if share < DEFECTS.common]
+        good = [joint for joint, share in zip(joints, missing) if share < FACTS.common]
         good = good or [joint for joint in max(columns.layouts, key=columns.layouts.__getitem__)
                         if joint in joints]
         raise BagError(
@@ -136,13 +136,13 @@ def arms_by_name(names: Sequence[str]) -> list[tuple[str, ...]]:
         arms = _with_shared_names(groups)
         if sum(map(len, arms)) > sum(map(len, best)):
             best = arms
-    return best if sum(map(len, best)) > DEFECTS.min_arms * len(names) else []
+    return best if sum(map(len, best)) > FACTS.min_arms * len(names) else []
 
 
 def _with_shared_names(groups: dict[str, dict[tuple[str, ...], str]]) -> list[tuple[str, ...]]:
     """Return the groups that share enough names with another group."""
     def similar(word: str, other: str) -> bool:
-        minimum = DEFECTS.min_side_names if {word, other} <= set(_SIDES) else DEFECTS.min_names
+        minimum = FACTS.min_side_names if {word, other} <= set(_SIDES) else FACTS.min_names
         return word != other and len(groups[word].keys() & groups[other].keys()) >= minimum
 
     return [tuple(names.values()) for word, names in groups.items()

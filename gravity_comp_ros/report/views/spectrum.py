@@ -5,8 +5,8 @@ from __future__ import annotations
 from bokeh.models import BasicTickFormatter, Select
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.models.least_squares import lstsq
-from gravity_comp_ros.recordings.defects import DEFECTS
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT
 from gravity_comp_ros.report.section import by_joint, Section
@@ -28,7 +28,7 @@ def over_time(samples: JointSamples, residual: FloatArray) -> tuple[FloatArray, 
     """
     steps, same = np.diff(samples.t), np.diff(samples.runs) == 0
     step = float(np.median(steps[same])) if same.any() else 1.0
-    ends = np.flatnonzero(~same | (steps > DEFECTS.gap_steps * step)) + 1
+    ends = np.flatnonzero(~same | (steps > FACTS.gap_steps * step)) + 1
     grids = [(np.arange(t[0], t[-1], step), t, values)
              for t, values in zip(np.split(samples.t, ends), np.split(residual, ends))
              if len(t) >= _MIN_SAMPLES]
