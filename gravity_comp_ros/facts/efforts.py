@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import BoolArray, evenly_picked, FloatArray
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed, rows_left_out
-from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.facts.signals import Signals, spans, stretches
 import numpy as np
 
@@ -12,11 +12,11 @@ import numpy as np
 _ROUNDING = 1e-9
 
 
-def dead(signals: Signals, options: FactOptions) -> list[Fact]:
+def dead(signals: Signals) -> list[Fact]:
     """Return the facts on joints whose effort is 0, denormal or constant throughout."""
     largest = np.abs(signals.tau).max(axis=0)
-    enough = len(signals) >= options.min_samples
-    is_dead = largest < (options.dead_torque if enough else 1e-300)
+    enough = len(signals) >= FACTS.min_samples
+    is_dead = largest < (FACTS.dead_torque if enough else 1e-300)
     is_constant = ~is_dead & (np.ptp(signals.tau, axis=0) < 1e-9)
     facts = []
     if is_dead.all():
@@ -35,8 +35,7 @@ def dead(signals: Signals, options: FactOptions) -> list[Fact]:
     return facts
 
 
-def unit(signals: Signals, raw: FloatArray, scaled: BoolArray,
-         options: FactOptions) -> list[Fact]:
+def unit(signals: Signals, raw: FloatArray, scaled: BoolArray) -> list[Fact]:
     """
     Return the facts on the unit of effort.
 
@@ -47,22 +46,22 @@ def unit(signals: Signals, raw: FloatArray, scaled: BoolArray,
     option = ('--effort-unit UNIT, --effort-scale JOINT=N·m per unit, or --accept effort_unit if '
               'it is right')
     facts = []
-    if len(signals) >= options.min_samples:
-        if options.dead_torque < np.abs(signals.tau).max() < options.min_torque:
+    if len(signals) >= FACTS.min_samples:
+        if FACTS.dead_torque < np.abs(signals.tau).max() < FACTS.min_torque:
             facts.append(Fact(
-                Kind.EFFORT_UNIT, signals.names, f'no effort reaches {options.min_torque:g} N·m '
+                Kind.EFFORT_UNIT, signals.names, f'no effort reaches {FACTS.min_torque:g} N·m '
                 f'(at most {np.abs(signals.tau).max():.2g})', Action.REFUSED,
                 'an arm that holds its own links needs more, so that the effort is not a torque '
                 'in N·m: an error of position or a share of a rated torque has this size',
                 option, _by_joint(signals, largest)))
-        too_large = largest > options.max_torque
+        too_large = largest > FACTS.max_torque
         if too_large.any():
             names = signals.named(too_large)
             facts.append(Fact(
                 Kind.EFFORT_UNIT, names, f'effort reaches {largest.max():.3g} on '
                 f'{", ".join(names)}', Action.REFUSED, 'no arm has such torques in N·m',
                 option, _by_joint(signals, largest)))
-    counts = _whole(raw, options) & ~scaled
+    counts = _whole(raw) & ~scaled
     if counts.any():
         names = signals.named(counts)
         facts.append(Fact(
@@ -75,26 +74,26 @@ def unit(signals: Signals, raw: FloatArray, scaled: BoolArray,
     return facts
 
 
-def _whole(raw: FloatArray, options: FactOptions) -> BoolArray:
+def _whole(raw: FloatArray) -> BoolArray:
     """Return the mask (N,) of joints with large whole numbers, of several values."""
-    part = raw[evenly_picked(len(raw), options.max_samples)]
+    part = raw[evenly_picked(len(raw), FACTS.max_samples)]
     whole = (part == np.rint(part)).all(axis=0) & (np.ptp(part, axis=0) > 2)
-    return np.asarray(whole & (np.abs(part[:, whole]).max(initial=0.0) >= options.min_count))
+    return np.asarray(whole & (np.abs(part[:, whole]).max(initial=0.0) >= FACTS.min_count))
 
 
-def disabled(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
+def disabled(signals: Signals) -> tuple[BoolArray, Fact | None]:
     """Return the mask (M,) of samples in which every effort is exactly 0, and the fact."""
     rows: BoolArray = np.asarray(~signals.tau.any(axis=1))
     longest = max((signals.t[part.stop - 1] - signals.t[part.start] for part in stretches(rows)),
                   default=0.0)
-    if rows.all() or longest < options.min_time:
+    if rows.all() or longest < FACTS.min_time:
         return np.zeros(len(rows), dtype=bool), None
     return rows, rows_left_out(
         Kind.DISABLED, (), f'effort of every joint is exactly 0 from {spans(signals.t, rows)}',
         rows, reason='the drives are disabled; ')
 
 
-def frozen(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
+def frozen(signals: Signals) -> tuple[BoolArray, Fact | None]:
     """Return the mask (M,) of samples in which a value stays the same in motion, and the fact."""
     rows, times = np.zeros(len(signals), dtype=bool), {}
     travelled = np.zeros_like(signals.q)
@@ -106,14 +105,13 @@ def frozen(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | No
     # Without velocities, the jump at the end of a stretch tells that the joint moved.
     unknown = ~np.isfinite(signals.qd).any(axis=0)
     step = np.abs(np.diff(signals.q[:, unknown], axis=0))
-    jump = np.where(step > options.max_acceleration * dt ** 2, step, 0.0)
+    jump = np.where(step > FACTS.max_acceleration * dt ** 2, step, 0.0)
     integral[:-1, unknown] = np.cumsum(jump, axis=0)
     for n, name in enumerate(signals.names):
-        of_effort = _frozen_rows(signals.t, signals.tau[:, n], travelled[:, n], options)
+        of_effort = _frozen_rows(signals.t, signals.tau[:, n], travelled[:, n])
         # Friction alone stays at an extreme for as long as the joint moves in one direction.
         of_effort &= _inside(signals.tau[:, n])
-        for part in (of_effort, _frozen_rows(signals.t, signals.q[:, n], integral[:, n],
-                                             options)):
+        for part in (of_effort, _frozen_rows(signals.t, signals.q[:, n], integral[:, n])):
             if part.any():
                 rows |= part
                 times[name] = float(part.sum())
@@ -124,18 +122,17 @@ def frozen(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | No
         f'motion, from {spans(signals.t, rows)}', rows, times)
 
 
-def _frozen_rows(t: FloatArray, values: FloatArray, travel: FloatArray,
-                 options: FactOptions) -> BoolArray:
-    same = (np.diff(values) == 0) & (np.ptp(values) > options.dead_torque)
+def _frozen_rows(t: FloatArray, values: FloatArray, travel: FloatArray) -> BoolArray:
+    same = (np.diff(values) == 0) & (np.ptp(values) > FACTS.dead_torque)
     rows = np.zeros(len(values), dtype=bool)
     for part in stretches(same):
         first, last = part.start, part.stop
-        if (last - first >= options.equal_values and t[last] - t[first] >= options.min_time
-                and travel[last] - travel[first] >= options.min_motion):
+        if (last - first >= FACTS.equal_values and t[last] - t[first] >= FACTS.min_time
+                and travel[last] - travel[first] >= FACTS.min_motion):
             rows[first:last + 1] = True
     others = same[~rows[1:]]
     # A coarse signal repeats its values elsewhere too.
-    if not others.size or others.mean() > options.max_outliers:
+    if not others.size or others.mean() > FACTS.max_outliers:
         rows[:] = False
     return rows
 
@@ -147,14 +144,14 @@ def _inside(values: FloatArray) -> BoolArray:
     return np.asarray((values > low + edge) & (values < high - edge))
 
 
-def saturated(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
+def saturated(signals: Signals) -> tuple[BoolArray, Fact | None]:
     """Return the mask (M,) of samples with an effort clipped at a limit, and the fact."""
     rows, limits, counts = np.zeros(len(signals), dtype=bool), {}, {}
     for n, name in enumerate(signals.names):
         tau, q = signals.tau[:, n], signals.q[:, n]
         clipped = np.zeros_like(rows)
         for sign in (1.0, -1.0):
-            at_limit = _at_limit(sign * tau, q, signals.qd[:, n], options)
+            at_limit = _at_limit(sign * tau, q, signals.qd[:, n])
             if at_limit.any():
                 clipped |= at_limit
                 limits[name] = float(tau[at_limit][0])
@@ -169,26 +166,25 @@ def saturated(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact |
                                f'effort is clipped on {", ".join(parts)}', rows, counts)
 
 
-def _at_limit(tau: FloatArray, q: FloatArray, qd: FloatArray,
-              options: FactOptions) -> BoolArray:
+def _at_limit(tau: FloatArray, q: FloatArray, qd: FloatArray) -> BoolArray:
     """Return the mask (M,) of samples at the upper limit of tau (M,), if it is clipped."""
     limit = tau.max()
     at_limit = np.asarray(tau >= limit - _ROUNDING * abs(limit))
     none = np.zeros_like(at_limit)
-    if limit <= 0 or at_limit.mean() < options.rare:
+    if limit <= 0 or at_limit.mean() < FACTS.rare:
         return none
     near = tau[(tau > 0.8 * limit) & ~at_limit]
     levels = np.unique(near)
-    if len(near) < options.rare * len(tau) or len(levels) < 5:
+    if len(near) < FACTS.rare * len(tau) or len(levels) < 5:
         return none
     per_level = len(near) / len(levels)
     is_symmetric = abs(tau.min() + limit) <= 1e-6 * limit
     if is_symmetric and any(at_limit[way].mean() > 0.5 and not at_limit[~way].any()
                             for way in (qd > 0, qd < 0) if way.any()):
         return none  # friction alone: the same effort whenever the joint moves this way
-    moves = np.ptp(q[at_limit]) > options.min_travel
+    moves = np.ptp(q[at_limit]) > FACTS.min_travel
     in_stretches = np.count_nonzero(at_limit[1:] & at_limit[:-1]) > 0.5 * at_limit.sum()
-    if at_limit.sum() < options.equal_values * per_level or not (moves and in_stretches):
+    if at_limit.sum() < FACTS.equal_values * per_level or not (moves and in_stretches):
         return none
     return at_limit
 

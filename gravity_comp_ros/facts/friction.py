@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
-from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
 
@@ -31,15 +31,15 @@ class Shares:
 
 
 def shares(q: FloatArray, qd: FloatArray, tau: FloatArray, n: int,
-           options: FactOptions = FactOptions(), moves: int | None = None) -> Shares:
+           moves: int | None = None) -> Shares:
     """
     Return the shares of joint n from q, qd and tau (M, N).
 
     :param moves: the joint whose direction of motion counts; None for n.
     """
-    part, moves = evenly_picked(len(q), options.max_samples), n if moves is None else moves
+    part, moves = evenly_picked(len(q), FACTS.max_samples), n if moves is None else moves
     q, speed, effort = q[part], qd[part, moves], tau[part, n]
-    moving = np.ptp(q, axis=0) > options.min_travel
+    moving = np.ptp(q, axis=0) > FACTS.min_travel
     poses = np.column_stack([np.ones(len(q)), np.sin(q[:, moving]), np.cos(q[:, moving])])
     if not moving.any() or effort.std() < 1e-9 or len(q) < 4 * poses.shape[1]:
         return Shares()
@@ -48,59 +48,57 @@ def shares(q: FloatArray, qd: FloatArray, tau: FloatArray, n: int,
     fastest = float(np.abs(speed).max())
     if fastest == 0 or not moving[moves] or rest.std() < 1e-9 * effort.std():
         return Shares(pose, None, pose)
-    friction = np.column_stack([np.ones(len(q)), friction_columns(speed, options)])
+    friction = np.column_stack([np.ones(len(q)), friction_columns(speed)])
     no_friction = without(friction, effort)
     both = without(np.column_stack([poses, friction[:, 1:]]), effort)
     gravity = float(1 - both.var() / max(float(no_friction.var()), 1e-18))
-    if gravity * no_friction.var() < (options.min_part * effort.std()) ** 2:
+    if gravity * no_friction.var() < (FACTS.min_part * effort.std()) ** 2:
         gravity = 0.0
     direction = without(poses, friction[:, 1])
     if direction.std() < 1e-6:
         return Shares(pose, None, gravity)
     slope = float(direction @ rest / (direction @ direction))
-    if abs(slope) < options.min_part * effort.std():
+    if abs(slope) < FACTS.min_part * effort.std():
         return Shares(pose, 0.0, gravity)
     share = slope ** 2 * float(direction.var() / rest.var())
     return Shares(pose, float(np.copysign(share, slope)), gravity)
 
 
-def friction_columns(qd: FloatArray, options: FactOptions) -> FloatArray:
+def friction_columns(qd: FloatArray) -> FloatArray:
     """
     Return columns (M, 3, ...) of the friction of speeds qd (M, ...): two directions, and speed.
 
     The direction is that of the noise at rest, or changes smoothly over low speeds.
     """
-    slow = options.slow_speed * np.abs(qd).max(axis=0)
+    slow = FACTS.slow_speed * np.abs(qd).max(axis=0)
     return np.stack([np.tanh(qd / np.maximum(slow, 1e-12)), np.sign(qd), qd], axis=1)
 
 
-def effort_facts(signals: Signals, options: FactOptions) -> list[Fact]:
+def effort_facts(signals: Signals) -> list[Fact]:
     """Return the facts on the sign of the effort and on missing gravity."""
-    if len(signals) < options.min_samples:
+    if len(signals) < FACTS.min_samples:
         return []
-    by_joint = {name: shares(signals.q, signals.qd, signals.tau, n, options)
+    by_joint = {name: shares(signals.q, signals.qd, signals.tau, n)
                 for n, name in enumerate(signals.names)}
-    facts = (_exchanged(signals, by_joint, options), _sign(by_joint, options),
-             _compensated(signals, by_joint, options))
+    facts = (_exchanged(signals, by_joint), _sign(by_joint), _compensated(signals, by_joint))
     return [fact for fact in facts if fact is not None]
 
 
-def _exchanged(signals: Signals, by_joint: Mapping[str, Shares],
-               options: FactOptions) -> Fact | None:
+def _exchanged(signals: Signals, by_joint: Mapping[str, Shares]) -> Fact | None:
     """Return the fact that efforts have the friction of other joints, in a cycle."""
     names = list(by_joint)
     foreign = [n for n, each in enumerate(by_joint.values()) if each.direction is not None
-               and abs(each.direction) < options.min_share]
+               and abs(each.direction) < FACTS.min_share]
     of, share = {}, {}
     for n in foreign if len(foreign) > 1 else []:
-        by = {m: shares(signals.q, signals.qd, signals.tau, n, options, m).direction or 0.0
+        by = {m: shares(signals.q, signals.qd, signals.tau, n, m).direction or 0.0
               for m in foreign if m != n}
         best = max(by, key=by.__getitem__)
-        if by[best] > options.min_share:
+        if by[best] > FACTS.min_share:
             of[n], share[n] = best, by[best]
     cycle = {n: m for n, m in of.items() if m in of}
     if (not cycle or set(cycle) != set(cycle.values())
-            or max(share[n] for n in cycle) < options.min_single_share):
+            or max(share[n] for n in cycle) < FACTS.min_single_share):
         return None
     parts = ', '.join(f'that of {names[n]} follows the direction of {names[m]}'
                       for n, m in cycle.items())
@@ -110,13 +108,13 @@ def _exchanged(signals: Signals, by_joint: Mapping[str, Shares],
         'in the driver', f'--accept {Kind.ORDER.value} if it is right')
 
 
-def _sign(by_joint: Mapping[str, Shares], options: FactOptions) -> Fact | None:
+def _sign(by_joint: Mapping[str, Shares]) -> Fact | None:
     known = {name: each.direction for name, each in by_joint.items() if each.direction is not None}
-    against = [name for name, share in known.items() if share < -options.min_share]
+    against = [name for name, share in known.items() if share < -FACTS.min_share]
     # Several joints show another sign convention of the driver, a single one its wiring.
-    several = len(against) > 1 and max(known.values()) < options.min_share
+    several = len(against) > 1 and max(known.values()) < FACTS.min_share
     if not several:
-        against = [name for name, share in known.items() if share < -options.min_single_share]
+        against = [name for name, share in known.items() if share < -FACTS.min_single_share]
     if not against:
         return None
     several = several or len(against) > 1
@@ -130,11 +128,10 @@ def _sign(by_joint: Mapping[str, Shares], options: FactOptions) -> Fact | None:
         {name: known[name] for name in against})
 
 
-def _compensated(signals: Signals, by_joint: Mapping[str, Shares],
-                 options: FactOptions) -> Fact | None:
-    wide = signals.named(np.ptp(signals.q, axis=0) > options.wide_travel)
+def _compensated(signals: Signals, by_joint: Mapping[str, Shares]) -> Fact | None:
+    wide = signals.named(np.ptp(signals.q, axis=0) > FACTS.wide_travel)
     values = {name: share for name in wide if (share := by_joint[name].gravity) is not None}
-    if len(values) < options.min_wide_joints or max(values.values()) >= options.min_share:
+    if len(values) < FACTS.min_wide_joints or max(values.values()) >= FACTS.min_share:
         return None
     return Fact(
         Kind.COMPENSATED, tuple(values), f'effort hardly depends on the pose of {len(values)} '

@@ -8,7 +8,7 @@ import re
 from gravity_comp_ros.data.samples import evenly_picked
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.friction import friction_columns, without
-from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
 
@@ -35,16 +35,14 @@ def named_facts(names: Sequence[str]) -> list[Fact]:
             + [_fact(Kind.LINEAR_JOINT, linear, 'linear joint')] * bool(linear))
 
 
-def by_position(signals: Signals, options: FactOptions) -> list[Fact]:
+def by_position(signals: Signals) -> list[Fact]:
     """
     Return the facts on positions that are no angles in rad: degrees, counts, linear joints.
 
     If at least half of the joints exceed the range of angles, the unit of all is wrong.
     """
-    if len(signals) < options.min_samples:
-        return []
     largest = np.quantile(np.abs(signals.q), 0.98, axis=0)
-    beyond = largest > options.max_angle
+    beyond = largest > FACTS.max_angle
     if not beyond.any():
         return []
     names = signals.named(beyond)
@@ -78,29 +76,29 @@ def _reach(names: Sequence[str], values: dict[str, float]) -> str:
     return ', '.join(f'{name} ({values[name]:.0f})' for name in names)
 
 
-def small_degrees(signals: Signals, options: FactOptions) -> list[Fact]:
+def small_degrees(signals: Signals) -> list[Fact]:
     """
     Return the fact that angles within the range of joints are degrees.
 
     Gravity is nearly linear in a few degrees, and periodic in radians over half a turn.
     """
-    if len(signals) < options.min_samples:
+    if len(signals) < FACTS.min_samples:
         return []
     part = signals.keep(np.isin(np.arange(len(signals)),
-                                evenly_picked(len(signals), options.max_samples)))
+                                evenly_picked(len(signals), FACTS.max_samples)))
     wide = np.ptp(part.q, axis=0) > np.pi
     if np.count_nonzero(wide) < 2:
         return []
     ratios = {}
     for n, name in enumerate(signals.names):
         tau = part.tau[:, n]
-        friction = np.column_stack([np.ones(len(part)), friction_columns(part.qd[:, n], options)])
+        friction = np.column_stack([np.ones(len(part)), friction_columns(part.qd[:, n])])
         lines, waves = (without(np.column_stack([friction, *columns]), tau).var() for columns in (
             (part.q,), (np.sin(part.q), np.cos(part.q))))
         # A joint with little gravity follows lines nearly as well as waves.
-        if min(lines, waves) < options.better ** 2 * without(friction, tau).var():
+        if min(lines, waves) < FACTS.better ** 2 * without(friction, tau).var():
             ratios[name] = float(lines / max(waves, 1e-18))
-    if not ratios or max(ratios.values()) > options.better:
+    if not ratios or max(ratios.values()) > FACTS.better:
         return []
     names = tuple(ratios)
     return [Fact(

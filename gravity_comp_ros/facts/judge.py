@@ -16,11 +16,11 @@ from gravity_comp_ros.facts import efforts, joints, outliers
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, unless_accepted
 from gravity_comp_ros.facts.friction import effort_facts
 from gravity_comp_ros.facts.lag import filtered_effort, velocity_facts
-from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
 
-_Rows = Callable[[Signals, FactOptions], tuple[BoolArray, Fact | None]]
+_Rows = Callable[[Signals], tuple[BoolArray, Fact | None]]
 # Steps that leave out samples, in this order: a disabled drive has no limit, and a limit that is
 # exceeded by a spike is not found.
 _ROWS: tuple[_Rows, ...] = (outliers.glitches, efforts.disabled, outliers.spikes,
@@ -38,8 +38,7 @@ class Judgement:
 
 
 def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool = False,
-          accept: frozenset[Kind] = frozenset(),
-          options: FactOptions = FactOptions()) -> Judgement:
+          accept: frozenset[Kind] = frozenset()) -> Judgement:
     """
     Return the facts about a recording of one run, and its corrected signals.
 
@@ -63,7 +62,7 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
         for fact in more:
             add(fact)
 
-    for fact in joints.by_position(signals, options):
+    for fact in joints.by_position(signals) if len(signals) >= FACTS.min_samples else ():
         if fact.action is Action.LEFT_OUT and chosen:
             fact = replace(fact, action=Action.NOTED, done='kept, as it is named', otherwise='')
         if add(fact) and fact.action is Action.LEFT_OUT:
@@ -71,17 +70,17 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
             signals, scale, missing = signals.without(gone), scale[~gone], missing[~gone]
     raw = signals.tau
     signals = replace(signals, tau=raw * scale)
-    add_all(efforts.dead(signals, options))
-    add_all(efforts.unit(signals, raw, np.abs(scale) != 1.0, options))
-    q, wraps = outliers.unwrapped(signals, options)
+    add_all(efforts.dead(signals))
+    add_all(efforts.unit(signals, raw, np.abs(scale) != 1.0))
+    q, wraps = outliers.unwrapped(signals)
     if wraps is not None and add(wraps):
         signals = replace(signals, q=q)
-    for step in _ROWS if len(signals) >= options.min_samples else ():
-        bad, of_rows = step(signals, options)
+    for step in _ROWS if len(signals) >= FACTS.min_samples else ():
+        bad, of_rows = step(signals)
         if of_rows is not None and add(of_rows):
             left_out[of_rows.kind.value] = int(bad.sum())
             signals = signals.keep(~bad)
-    replaced, of_velocity = velocity_facts(signals, missing, options)
+    replaced, of_velocity = velocity_facts(signals, missing)
     add_all(of_velocity)
     if Kind.VELOCITY in accept:
         replaced = missing
@@ -89,10 +88,10 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
         qd = signals.qd.copy()
         qd[:, replaced] = differentiate(signals.t, signals.q[:, replaced])
         signals = replace(signals, qd=qd)
-    unfiltered, lag = filtered_effort(signals, options)
+    unfiltered, lag = filtered_effort(signals)
     if lag is not None and add(lag):
         signals = unfiltered
     finite = signals.keep(np.asarray(np.isfinite(signals.qd).all(axis=1)))
-    add_all(joints.small_degrees(finite, options))
-    add_all(effort_facts(finite, options))
+    add_all(joints.small_degrees(finite))
+    add_all(effort_facts(finite))
     return Judgement(signals, tuple(facts), left_out, replaced)

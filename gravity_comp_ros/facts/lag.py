@@ -8,7 +8,7 @@ from gravity_comp_ros.data.differentiation import is_inconsistent, MAX_INTERVAL,
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed
 from gravity_comp_ros.facts.friction import friction_columns
-from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
 
@@ -17,7 +17,7 @@ _RIDGE = 1e-10
 _KEEP = '--accept velocity keeps it'
 
 
-def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fact | None]:
+def filtered_effort(signals: Signals) -> tuple[Signals, Fact | None]:
     """
     Return the signals with the effort before a filter of the first order, and the fact.
 
@@ -26,12 +26,12 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     than with friction that builds up after a reversal (geometric mean).
     """
     # Ten samples in the shortest time constant resolve it.
-    step = max(1, int(np.ceil(0.1 * options.lags[0] / max(signals.interval, 1e-9))))
+    step = max(1, int(np.ceil(0.1 * FACTS.lags[0] / max(signals.interval, 1e-9))))
     part = signals.keep(np.arange(len(signals)) % step == 0)
-    part = part.keep(np.arange(len(part)) < options.max_samples)
-    if len(part) < options.min_samples or part.interval > options.lags[1]:
+    part = part.keep(np.arange(len(part)) < FACTS.max_samples)
+    if len(part) < FACTS.min_samples or part.interval > FACTS.lags[1]:
         return signals, None
-    poses, friction, joints = _columns(part, options)
+    poses, friction, joints = _columns(part)
     if len(joints) < 2:
         return signals, None
     tau, time = part.tau[:, joints], np.diff(part.t)[:, None]
@@ -43,22 +43,22 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     def cost(constant: float) -> float:
         return float(np.log(residuals(constant)).sum())
 
-    constant, factor = min(options.lags, key=cost), 2.0
+    constant, factor = min(FACTS.lags, key=cost), 2.0
     for _ in range(3):
         constant = _minimum({constant * x: cost(constant * x) for x in (1 / factor, 1.0, factor)})
         factor = float(np.sqrt(factor))
     # A longer one is the residual of slow motion.
-    if not 2 * signals.interval <= constant <= options.lags[-1]:
+    if not 2 * signals.interval <= constant <= FACTS.lags[-1]:
         return signals, None
     # Friction that builds up over an angle, another one of each joint, is late in another shape.
     way = np.abs(np.diff(part.q[:, joints], axis=0))[:, None]
     other = np.min([_rest(tau, poses, friction), *(
-        _rest(tau, poses, _behind(friction, way, angle)) for angle in options.angles)], axis=0)
+        _rest(tau, poses, _behind(friction, way, angle)) for angle in FACTS.angles)], axis=0)
     ratio = residuals(constant) / other
     # The driver has one filter for all joints.
-    if np.log(ratio).mean() >= np.log(options.better):
+    if np.log(ratio).mean() >= np.log(FACTS.better):
         return signals, None
-    clear = ratio < options.better
+    clear = ratio < FACTS.better
     names = tuple(signals.names[n] for n, is_clear in zip(joints, clear) if is_clear)
     ratios = dict(zip(names, ratio[clear].tolist()))
     fact = Fact(
@@ -69,15 +69,14 @@ def filtered_effort(signals: Signals, options: FactOptions) -> tuple[Signals, Fa
     return replace(signals, tau=_undone(signals, constant)), fact
 
 
-def _columns(signals: Signals, options: FactOptions
-             ) -> tuple[FloatArray, FloatArray, list[int]]:
+def _columns(signals: Signals) -> tuple[FloatArray, FloatArray, list[int]]:
     """Return columns (M, P) of poses and (M, 3, J) of the friction of J joints, and these."""
-    moving = np.ptp(signals.q, axis=0) > options.min_travel
+    moving = np.ptp(signals.q, axis=0) > FACTS.min_travel
     q, qd = signals.q[:, moving], np.nan_to_num(signals.qd)
     poses = np.column_stack([np.ones(len(q)), np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)])
     joints = [n for n in np.flatnonzero(moving).tolist() if qd[:, n].any()
-              and np.ptp(signals.tau[:, n]) > options.dead_torque]
-    return poses, friction_columns(qd[:, joints], options), joints
+              and np.ptp(signals.tau[:, n]) > FACTS.dead_torque]
+    return poses, friction_columns(qd[:, joints]), joints
 
 
 def _behind(columns: FloatArray, way: FloatArray, constant: float) -> FloatArray:
@@ -128,8 +127,7 @@ def _minimum(costs: dict[float, float]) -> float:
     return float(np.exp(np.clip(-b / (2 * a), np.log(t.min()), np.log(t.max()))))
 
 
-def velocity_facts(signals: Signals, missing: BoolArray,
-                   options: FactOptions) -> tuple[BoolArray, list[Fact]]:
+def velocity_facts(signals: Signals, missing: BoolArray) -> tuple[BoolArray, list[Fact]]:
     """
     Return the mask (N,) of joints whose velocity must be differentiated, and the facts.
 
@@ -148,7 +146,7 @@ def velocity_facts(signals: Signals, missing: BoolArray,
     if zero.any():
         names = signals.named(zero)
         evidence = f'velocity of {listed(names, total)} is 0 throughout although the joint moves'
-        if not (zero | missing | ~moves).all() or _is_stream(signals, zero, options):
+        if not (zero | missing | ~moves).all() or _is_stream(signals, zero):
             replaced |= zero
             facts.append(Fact(Kind.VELOCITY, names, evidence, Action.CORRECTED,
                               'the driver does not measure it; it is differentiated from the '
@@ -157,7 +155,7 @@ def velocity_facts(signals: Signals, missing: BoolArray,
             facts.append(Fact(Kind.VELOCITY, names, evidence, Action.NOTED,
                               'read as a series of static poses',
                               '--differentiate computes it from the position'))
-    if len(signals) >= options.min_samples:
+    if len(signals) >= FACTS.min_samples:
         ratio, likeness = slope_ratios(signals.t, signals.q, signals.qd)
         wrong = is_inconsistent(ratio, likeness) & ~missing & ~zero
         if wrong.any():
@@ -177,9 +175,9 @@ def velocity_facts(signals: Signals, missing: BoolArray,
     return replaced, facts
 
 
-def _is_stream(signals: Signals, joints: BoolArray, options: FactOptions) -> bool:
+def _is_stream(signals: Signals, joints: BoolArray) -> bool:
     """Return whether positions are those of a motion, at the rate of a driver."""
     if len(signals) < 20 or signals.interval > MAX_INTERVAL:
         return False
     q = signals.q[:, joints]
-    return bool((np.diff(q, axis=0).var(axis=0) < options.smooth * q.var(axis=0)).all())
+    return bool((np.diff(q, axis=0).var(axis=0) < FACTS.smooth * q.var(axis=0)).all())

@@ -10,10 +10,9 @@ from gravity_comp_ros.data.runs import reversals_of, run_slices
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.friction import shares
-from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.options import FACTS
 import numpy as np
 
-_OPTIONS = FactOptions()
 # Columns of a table of joints; see `JointFacts.cells`.
 MOTION = ('range rad', 'travel rad', 'rms rad/s', 'max rad/s', 'reversals', 'effort N·m')
 
@@ -95,7 +94,7 @@ def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> Rec
 def _joint(samples: JointSamples, n: int, at_rest: bool) -> JointFacts:
     q, qd, tau = samples.q[:, n], samples.qd[:, n], samples.tau[:, n]
     reversals = None if at_rest else sum(
-        max(0, len(reversals_of(q[run], _OPTIONS.min_travel)) - 1) for run in run_slices(samples))
+        max(0, len(reversals_of(q[run], FACTS.min_travel)) - 1) for run in run_slices(samples))
     return JointFacts(
         float(q.min()), float(q.max()), float(np.abs(qd).max()), float(np.sqrt(np.mean(qd ** 2))),
         reversals, float(tau.min()), float(tau.max()), float(tau.std()),
@@ -106,7 +105,7 @@ def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, to
                  options: GateOptions) -> list[Fact]:
     limit = options.max_speed
     limit_text = f'{limit:g} rad/s' if isinstance(limit, float | int) else 'its limit'
-    if slow_share < _OPTIONS.min_slow:
+    if slow_share < FACTS.min_slow:
         fastest = max(joints, key=lambda name: joints[name].max_speed)
         return [_noted(
             (), f'too fast: every joint is under {limit_text} in only {100 * slow_share:.1f} % of '
@@ -114,7 +113,7 @@ def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, to
             f'{joints[fastest].max_speed:.2f} rad/s; the torque is gravity, friction and '
             f'inertia together', '`fit` can use it, with friction and inertia as nuisance '
             'terms, but gravity is more accurate from slow motion')]
-    if kept < _OPTIONS.min_slow_samples:
+    if kept < FACTS.min_slow_samples:
         return [_noted((), f'short: the gate keeps {kept} of {total} samples',
                        'too few to evaluate a model')]
     return []
@@ -122,7 +121,7 @@ def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, to
 
 def _travel_facts(joints: dict[str, JointFacts], at_rest: bool) -> list[Fact]:
     result: list[Fact] = []
-    low, wide = _OPTIONS.min_travel, _OPTIONS.wide_travel
+    low, wide = FACTS.min_travel, FACTS.wide_travel
     still = tuple(name for name, facts in joints.items() if facts.travel < low)
     narrow = {name: f'{name} ({facts.travel:.2g} rad)' for name, facts in joints.items()
               if low <= facts.travel < wide}

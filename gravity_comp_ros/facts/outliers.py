@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, rows_left_out
-from gravity_comp_ros.facts.options import FactOptions
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.printable import counted
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 _TURN = 2 * np.pi
 
 
-def unwrapped(signals: Signals, options: FactOptions) -> tuple[FloatArray, Fact | None]:
+def unwrapped(signals: Signals) -> tuple[FloatArray, Fact | None]:
     """
     Return the positions (M, N) without jumps of whole turns, and the fact if there were any.
 
@@ -24,10 +24,10 @@ def unwrapped(signals: Signals, options: FactOptions) -> tuple[FloatArray, Fact 
     for n, name in enumerate(signals.names):
         step = np.diff(q[:, n])
         turns = np.rint(step / _TURN)
-        is_wrap = (turns != 0) & (np.abs(step - turns * _TURN) < options.near_turn)
+        is_wrap = (turns != 0) & (np.abs(step - turns * _TURN) < FACTS.near_turn)
         # Most steps of a motion are small against 2 pi, unlike those between random poses.
         rest = np.abs(step - np.where(is_wrap, turns * _TURN, 0.0))
-        if not is_wrap.any() or np.quantile(rest, 0.95) >= options.near_turn:
+        if not is_wrap.any() or np.quantile(rest, 0.95) >= FACTS.near_turn:
             continue
         jumps[name] = float(is_wrap.sum())
         q = q.copy() if q is signals.q else q
@@ -41,30 +41,29 @@ def unwrapped(signals: Signals, options: FactOptions) -> tuple[FloatArray, Fact 
         '--accept wrapped_positions reads it as recorded', jumps)
 
 
-def glitches(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
+def glitches(signals: Signals) -> tuple[BoolArray, Fact | None]:
     """Return the mask (M,) of samples with a position far from both neighbours, and the fact."""
     bad = np.zeros_like(signals.q, dtype=bool)
     # Deviation from both neighbours at a reversal, with the largest acceleration of an arm.
-    reversal = 0.5 * options.max_acceleration * signals.interval ** 2
+    reversal = 0.5 * FACTS.max_acceleration * signals.interval ** 2
     for n, column in enumerate(signals.q.T):
         deviation = _deviation(column)
-        limit = max(options.min_travel, reversal, options.spike_spread * _spread(deviation))
+        limit = max(FACTS.min_travel, reversal, FACTS.spike_spread * _spread(deviation))
         bad[:, n] = deviation > limit
-    return _set_aside(signals, bad, options, Kind.GLITCHES,
-                      'position is far from both neighbours in')
+    return _set_aside(signals, bad, Kind.GLITCHES, 'position is far from both neighbours in')
 
 
-def spikes(signals: Signals, options: FactOptions) -> tuple[BoolArray, Fact | None]:
+def spikes(signals: Signals) -> tuple[BoolArray, Fact | None]:
     """Return the mask (M,) of samples with an effort far outside its range, and the fact."""
     bad = np.zeros_like(signals.tau, dtype=bool)
     for n, column in enumerate(signals.tau.T):
         deviation = _deviation(column)
         low, high = np.quantile(column, [0.02, 0.98])
-        margin = options.spike_margin * (high - low)
+        margin = FACTS.spike_margin * (high - low)
         far = (column > high + margin) | (column < low - margin)
-        bad[:, n] = far & (deviation > max(options.spike_spread * _spread(deviation),
-                                           margin, options.dead_torque))
-    return _set_aside(signals, bad, options, Kind.SPIKES, 'effort has spikes in')
+        bad[:, n] = far & (deviation > max(FACTS.spike_spread * _spread(deviation), margin,
+                                           FACTS.dead_torque))
+    return _set_aside(signals, bad, Kind.SPIKES, 'effort has spikes in')
 
 
 def median_of_five(x: FloatArray) -> FloatArray:
@@ -100,9 +99,9 @@ def _spread(deviation: FloatArray) -> float:
     return float(np.sqrt(np.mean(limited ** 2)))
 
 
-def _set_aside(signals: Signals, bad: BoolArray, options: FactOptions, kind: Kind,
-               what: str) -> tuple[BoolArray, Fact | None]:
-    bad[:, bad.mean(axis=0) > options.max_outliers] = False
+def _set_aside(signals: Signals, bad: BoolArray, kind: Kind, what: str
+               ) -> tuple[BoolArray, Fact | None]:
+    bad[:, bad.mean(axis=0) > FACTS.max_outliers] = False
     rows = np.asarray(bad.any(axis=1))
     if not rows.any():
         return rows, None

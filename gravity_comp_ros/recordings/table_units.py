@@ -10,7 +10,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.facts.joints import by_position
-from gravity_comp_ros.facts.options import FactOptions, FACTS
+from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.facts.signals import Signals
 from gravity_comp_ros.recordings.units import TIME_UNITS
 import numpy as np
@@ -25,7 +25,7 @@ def check_angles(path: Path, names: tuple[str, ...], t: FloatArray, q: FloatArra
     :raises BagError: if they exceed the range of joints.
     """
     signals = Signals(names, t, q, q, q, np.arange(len(q)))
-    for fact in refused(by_position(signals, FactOptions(min_samples=1))):
+    for fact in refused(by_position(signals)):
         unit = 'ticks=4096 (the counts per turn)' if 'counts' in fact.done else 'deg'
         raise BagError(f'{path}: {fact.evidence}: {fact.done} Give --position-unit {unit}, or rad '
                        f'if that is right')
