@@ -231,9 +231,9 @@ class Recording(Displayable):
         :raises DataError: if one of the parts would be empty.
         :raises OptionError: if the fraction is not between 0 and 1.
         """
-        blocks, guarded = blocks_to_hold_out(self.slow, fraction, guard)
+        blocks = blocks_to_hold_out(self.slow, fraction, guard)
         holdout = Holdout(fraction, int(within(self.slow, blocks).sum()), blocks)
-        train = self.usable & ~within(self.samples, guarded)
+        train = self.usable & ~within(self.samples, blocks, guard)
         test = self.usable & within(self.samples, blocks)
         return replace(self, use=train, holdout=holdout), replace(self, use=test, holdout=holdout)
 

@@ -256,8 +256,8 @@ def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[st
 
 def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
     """Return the mask (M,) of usable samples outside the guarded blocks held out of the fit."""
-    blocks = held_out_blocks(model, recording.reports, GUARD)
-    return recording.usable & ~within(recording.samples, blocks)
+    blocks = held_out_blocks(model, recording.reports)
+    return recording.usable & ~within(recording.samples, blocks, GUARD)
 
 
 def update_model(model: GravityModel, recording: Recording,
@@ -299,11 +299,10 @@ def merged_bags(model: GravityModel, reports: Iterable[ReadReport]) -> list[dict
     return [*known, *(report.to_json() for report in reports if report.sha256 not in seen)]
 
 
-def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport],
-                    guard: float = 0.0) -> list[Block]:
-    """Return the blocks of these recordings held out of the fit, each extended by `guard` s."""
+def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport]) -> list[Block]:
+    """Return the blocks of these recordings held out of the fit."""
     blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
-    return [Block(run, block['start'] - guard, block['end'] + guard)
+    return [Block(run, block['start'], block['end'])
             for run, report in enumerate(reports)
             for block in blocks if block['sha256'] == report.sha256]
 

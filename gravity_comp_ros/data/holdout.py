@@ -27,15 +27,15 @@ class Block:
     end: float
 
 
-def blocks_to_hold_out(samples: JointSamples, fraction: float = 0.2, guard: float = GUARD
-                       ) -> tuple[tuple[Block, ...], tuple[Block, ...]]:
+def blocks_to_hold_out(samples: JointSamples, fraction: float = 0.2,
+                       guard: float = GUARD) -> tuple[Block, ...]:
     """
-    Return the blocks of time that are held out, and those with their margins, which no fit uses.
+    Return the blocks of time that are held out.
 
     With several runs, the last `fraction` of the runs is held out, at least one. With a single
     run, two blocks of consecutive time are held out, `fraction` of its duration together; samples
     are autocorrelated, so the error on scattered ones would be too small. Samples within `guard`
-    seconds of a block are not used.
+    seconds of a block are not fitted.
 
     :raises OptionError: if the fraction is not between 0 and 1, or the guard is negative.
     :raises DataError: if one of the two would be empty.
@@ -49,19 +49,19 @@ def blocks_to_hold_out(samples: JointSamples, fraction: float = 0.2, guard: floa
     filled = np.unique(samples.runs)
     count = min(max(1, round(fraction * filled.size)), filled.size - 1)
     blocks = _whole_runs(samples, filled[-count:]) if count else _parts(samples, fraction)
-    margins = tuple(Block(b.run, b.start - guard, b.end + guard) for b in blocks)
-    if not within(samples, blocks).any() or within(samples, margins).all():
+    if not within(samples, blocks).any() or within(samples, blocks, guard).all():
         raise DataError(f'{samples.n_samples} samples are too few to hold {fraction:.0%} '
                         'out and fit the rest')
-    return blocks, margins
+    return blocks
 
 
-def within(samples: JointSamples, blocks: Sequence[Block]) -> NDArray[np.bool_]:
-    """Return the mask (M,) of samples in one of the blocks."""
+def within(samples: JointSamples, blocks: Sequence[Block], guard: float = 0.0
+           ) -> NDArray[np.bool_]:
+    """Return the mask (M,) of samples in a block, or within `guard` seconds of it."""
     inside = np.zeros(samples.n_samples, dtype=bool)
     for block in blocks:
-        inside |= ((samples.runs == block.run) & (samples.t >= block.start)
-                   & (samples.t <= block.end))
+        inside |= ((samples.runs == block.run) & (samples.t >= block.start - guard)
+                   & (samples.t <= block.end + guard))
     return inside
 
 

@@ -3,7 +3,7 @@
 from dataclasses import FrozenInstanceError
 
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.data.holdout import blocks_to_hold_out, within
+from gravity_comp_ros.data.holdout import blocks_to_hold_out, GUARD, within
 from gravity_comp_ros.data.runs import MAX_PAUSE, run_time, session_time
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
@@ -203,10 +203,10 @@ def ramp(count: int, label: str = 'run', step: float = 0.2) -> JointSamples:
     return JointSamples.single_run(('a', 'b'), t, q, np.zeros_like(q), q, label)
 
 
-def divided(samples, *options):
+def divided(samples, fraction=0.2, guard=GUARD):
     """Return the blocks, the fitted and the held-out samples."""
-    blocks, guarded = blocks_to_hold_out(samples, *options)
-    return (blocks, samples.select(~within(samples, guarded)),
+    blocks = blocks_to_hold_out(samples, fraction, guard)
+    return (blocks, samples.select(~within(samples, blocks, guard)),
             samples.select(within(samples, blocks)))
 
 
