@@ -80,9 +80,7 @@ def joint_positions(path: Path | str, joints: Collection[str],
     :param topic: JointState topic; None as in `choose_topic`.
     :raises BagError: if the recording cannot be read, or has no such topic.
     """
-    path = Path(path)
-    with open_storage(path) as storage:
-        columns = Columns(storage, choose_topic(path, storage, topic)[0])
+    _, columns = _columns(Path(path), topic)
     names = [name for name in columns.names if name in joints]
     finite = {name: values[np.isfinite(values)]
               for name, values in zip(names, columns.values(names)[0].T)}
@@ -102,11 +100,7 @@ def joint_goals(path: Path | str, topic: str, joints: tuple[str, ...],
     :raises BagError: if the recording cannot be read, or has no such topic or goals.
     :raises ModelMismatchError: if a joint has no goal.
     """
-    path = Path(path)
-    with open_storage(path) as storage:
-        topic = choose_topic(path, storage, topic)[0]
-        columns = Columns(storage, topic, options.rename)
-    where = f'{path}, topic {topic}'
+    where, columns = _columns(Path(path), topic, options.rename)
     options = _with_joint_names(where, columns.names,
                                 replace(options, joints=joints, effort_scale={},
                                         effort_unit='Nm', rated_torque={}))
@@ -118,6 +112,14 @@ def joint_goals(path: Path | str, topic: str, joints: tuple[str, ...],
         raise BagError(f'{where} has no finite goal of {", ".join(joints)}')
     order = np.argsort(times[known], kind='stable')
     return np.asarray(times[known][order] * 1e-9, dtype=np.float64), goal[known][order]
+
+
+def _columns(path: Path, topic: str | None, rename: Mapping[str, str] | None = None
+             ) -> tuple[str, Columns]:
+    """Return the recording and its topic as text, and the columns of the topic."""
+    with open_storage(path) as storage:
+        topic = choose_topic(path, storage, topic)[0]
+        return f'{path}, topic {topic}', Columns(storage, topic, rename)
 
 
 def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) -> ReadOptions:

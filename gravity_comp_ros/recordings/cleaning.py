@@ -49,10 +49,8 @@ class Cleaning:
         self.log_ns, self.stamp_ns = columns.log_ns, columns.stamp_ns
         self.present = columns.presence(joints)
         self.q, self.qd, self.tau = columns.values(joints)
-        beyond = mask_out_of_range(self.q, self.qd, self.tau)
-        if beyond:
-            self.notes.append(f'{counted(beyond, "value")} beyond {FACTS.max_magnitude:g}: not '
-                              f'a measurement, treated as missing')
+        for column in (*self.q.T, *self.qd.T, *self.tau.T):
+            column[np.abs(column) > FACTS.max_magnitude] = np.nan
         sign, unit, zero = options.to_model(joints)
         if zero.any() or (sign * unit != 1.0).any():
             self.q, self.qd = sign * (unit * self.q - zero), sign * unit * self.qd
@@ -226,16 +224,6 @@ def _rising(values: NDArray[np.int64]) -> BoolArray:
 def listed(dropped: Mapping[str, int]) -> str:
     """Return the number of dropped messages by reason, as text."""
     return ', '.join(f'{count} {reason}' for reason, count in dropped.items())
-
-
-def mask_out_of_range(*arrays: FloatArray) -> int:
-    """Set finite values beyond `FACTS.max_magnitude` to NaN, in place; return their number."""
-    count = 0
-    for column in (column for values in arrays for column in values.T):
-        beyond = np.isfinite(column) & (np.abs(column) > FACTS.max_magnitude)
-        column[beyond] = np.nan
-        count += int(beyond.sum())
-    return count
 
 
 def gap_notes(t: FloatArray) -> list[str]:

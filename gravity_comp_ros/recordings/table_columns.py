@@ -36,6 +36,8 @@ NAMED_UNITS = {'%time': 'ns', **{f'{name}_{unit}': unit for name in _TIMES for u
 # Words for each quantity, the preferred ones first.
 _WORDS = {'position': ('q', 'position', 'pos'), 'velocity': ('qd', 'dq', 'velocity', 'vel'),
           'effort': ('tau', 'effort', 'torque', 'eff', 'load', 'current'), 'name': ('name',)}
+# Numbers that may be no torque; without a name of the joint, the columns have to be given.
+_NO_TORQUE = ('load', 'current')
 _WORD = '|'.join(word for words in _WORDS.values() for word in words)
 _SHAPES = tuple(re.compile(shape, re.I) for shape in (
     rf'(?:(?P<topic>.*)/)?(?P<joint>[^/]+)[/._](?P<word>{_WORD})$',
@@ -160,7 +162,7 @@ def _by_topic(columns: Sequence[str]) -> dict[str, _Words]:
     topics: dict[str, _Words] = {}
     for k, name in enumerate(columns):
         match = next(filter(None, (shape.match(name) for shape in _SHAPES)), None)
-        if match:
+        if match and not (match['joint'].isdecimal() and match['word'].lower() in _NO_TORQUE):
             words = topics.setdefault(match['topic'] or '', {})
             words.setdefault(match['word'].lower(), {}).setdefault(match['joint'], k)
     return topics

@@ -130,6 +130,7 @@ GOOD = table_text()
     (GOOD, {'position': 'q_0,q_0'}, 'q_0 is given twice'),
     (GOOD, {'effort': 'tau_0'}, '2 columns of position but 1 of effort'),
     (GOOD.replace('tau', 'x'), {}, 'no columns of effort such as'),
+    (GOOD.replace('tau', 'current'), {}, 'no columns of effort such as'),
     ('t,q_0,tau_0\n0,1,0\n1,2,0\n', {}, 'effort is 0 throughout'),
     ('t,q_0,tau_0\n' + 'x' * 200000, {}, 'line 2')])
 def test_errors_name_row_and_column(tmp_path, text, options, message):
