@@ -16,7 +16,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from gravity_comp_ros.api.recording import Recording
-    from gravity_comp_ros.description.urdf import HeldPositions
+    from gravity_comp_ros.description.robot_tree import HeldPositions
     from gravity_comp_ros.recordings.bag import ReadReport
 
 NO_DESCRIPTION = 'none'
@@ -167,7 +167,8 @@ def _described(reports: Sequence[ReadReport], joints: Sequence[str], options: Ar
 def held_positions(reports: Sequence[ReadReport], fixed: Mapping[str, float],
                    text: str | bytes, joints: Sequence[str], source: str) -> HeldPositions:
     """Return the positions of the other joints on the path, from the options or recordings."""
-    from gravity_comp_ros.description.urdf import held_joints, HeldPositions
+    from gravity_comp_ros.description.robot_tree import HeldPositions
+    from gravity_comp_ros.description.urdf import held_joints
     names = [name for name in held_joints(text, joints, source) if name not in fixed]
     if not names:
         return HeldPositions(fixed)

@@ -32,7 +32,8 @@ from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
-from gravity_comp_ros.description.urdf import HeldPositions, read_text
+from gravity_comp_ros.description.robot_tree import HeldPositions
+from gravity_comp_ros.description.urdf import read_text
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
 from gravity_comp_ros.errors import GravityCompError

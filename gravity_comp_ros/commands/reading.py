@@ -14,8 +14,8 @@ from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.commands.terminal import Answer, ProgressCallback
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.description.links import described_arm, DescribedArm
-from gravity_comp_ros.description.robot_tree import arm_joints
-from gravity_comp_ros.description.urdf import find_description, HeldPositions, read_text
+from gravity_comp_ros.description.robot_tree import arm_joints, HeldPositions
+from gravity_comp_ros.description.urdf import find_description, read_text
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import DataError, Hint, OptionError

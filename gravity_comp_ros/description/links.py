@@ -1,23 +1,40 @@
-"""Links that an arm carries: their places, masses and inertias, and the torque of the masses."""
+"""
+Arm of a robot description: its axes, the links that it carries, and their masses.
+
+The joints of the arm must be on one path through the joint tree. Other joints on that path are
+treated as follows:
+
+- a fixed joint is merged into its neighbours; its axis is ignored;
+- a prismatic joint before the arm, or a rotation about the vertical, is ignored, because it does
+  not rotate gravity in the base frame of the arm;
+- a waist, or a joint between two joints of the arm, is held at a constant position: from an
+  option, else from the recording, else 0 (the middle of its limits if they exclude 0);
+- the position of a mimic joint follows from its rule.
+
+Joints beyond an axis of the arm, such as those of a gripper, are at rest.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from xml.etree.ElementTree import Element
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import (
-    numbers_of, parse_tree, RobotTree, rotation_of)
-from gravity_comp_ros.description.urdf import HeldPositions, LinkPlace, Traversal
-from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.models.kinematic.geometry import Geometry
+    arm_path, HeldPositions, numbers_of, parse_tree, RobotTree, rotation_of, TreeJoint)
+from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.models.kinematic.chain import about, aligned
+from gravity_comp_ros.models.kinematic.geometry import Geometry, HeldJoint
 from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
 from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
 
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# Maximum deviation of |z| of a unit axis from 1 for which the axis counts as vertical.
+_VERTICAL = 1e-6
 # Reach in m that is added to the lengths of an arm: its last link has none.
 _MIN_REACH = 0.5
 # Negative second moment of a thin link, as a share of the largest, by rounded numbers.
@@ -25,16 +42,78 @@ _ROUNDING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
+class LinkPlace:
+    """
+    A link fixed to the arm: `rotation` (3, 3) and `origin` (3,) in m in frame `joint`.
+
+    Frame number `joint` (from 0) turns with the joint of that number; its z is the axis. Frame -1
+    is that of the base.
+    """
+
+    joint: int
+    rotation: FloatArray
+    origin: FloatArray
+
+    def then(self, rotation: FloatArray, origin: FloatArray = np.zeros(3)) -> LinkPlace:
+        """Return the place of a frame that has this place in this link."""
+        return LinkPlace(self.joint, self.rotation @ rotation,
+                         self.origin + self.rotation @ origin)
+
+    def moved(self, joint: TreeJoint, value: float) -> LinkPlace:
+        """Return the place after a joint at a position in rad, or m if it is prismatic."""
+        if joint.revolute:
+            return self.then(about(joint.axis(), value))
+        return self.then(np.eye(3), value * joint.axis())
+
+
 class DescribedArm:
     """
-    An arm with the places of all links that it carries, by name; the last joint's included.
+    An arm in a robot description.
 
-    `tree` are all joints and links of its description.
+    `tree` are all joints and links of the description, `geometry` the axes of the arm, without
+    masses.
+
+    :param positions: of other joints on the path to the last joint of the arm.
+    :raises ModelMismatchError: if the joints are not those of one arm.
+    :raises OptionError: if `positions.fixed` names a joint of the arm or an unknown joint.
     """
 
-    geometry: Geometry
-    places: Mapping[str, LinkPlace]
-    tree: RobotTree
+    def __init__(self, tree: RobotTree, joints: Collection[str],
+                 positions: HeldPositions = HeldPositions()) -> None:
+        self.tree, self._arm, self._positions = tree, set(joints), positions
+        path = arm_path(tree, joints)
+        self._check_fixed()
+        self._held: list[HeldJoint] = []
+        self._upright, self._places = True, dict[str, LinkPlace]()
+        names, rotations, origins = [], [], []
+        place = LinkPlace(-1, np.eye(3), np.zeros(3))
+        for joint in path:
+            place = place.then(joint.rotation(), joint.origin())
+            if joint.name in self._arm:
+                to_axis = aligned(joint.axis())
+                names.append(joint.name)
+                rotations.append(place.rotation @ to_axis)
+                origins.append(place.origin)
+                place = LinkPlace(len(names) - 1, to_axis.T, np.zeros(3))
+            elif joint.is_single:
+                place = self._hold(joint, place)
+            if names:
+                self._places[joint.child] = place
+        self.geometry = Geometry(tuple(names), np.array(rotations), np.array(origins),
+                                 path[-1].child, place.rotation, tuple(self._held), tree.source)
+
+    @cached_property
+    def places(self) -> dict[str, LinkPlace]:
+        """Return the places of the links that the arm carries, by name; the last joint's too."""
+        places, waiting = dict(self._places), list(self.tree.joints.values())
+        # Parents first: each pass places the children of the links placed before.
+        while children := [joint for joint in waiting
+                           if joint.parent in places and joint.child not in places]:
+            for joint in children:
+                place = places[joint.parent].then(joint.rotation(), joint.origin())
+                places[joint.child] = place.moved(joint, self._at_rest(joint)) \
+                    if joint.is_single else place
+        return places
 
     def place(self, link: str) -> LinkPlace:
         """
@@ -66,21 +145,6 @@ class DescribedArm:
                             f'mass to its links')
         return result
 
-    def to_frames(self, links: Collection[str]) -> FloatArray:
-        """
-        Return the matrix (4N, 4L) from masses and first moments of links to those of frames.
-
-        The first moments are in the frame of each link, and in the frames of the joints about
-        their origins; links on one frame add.
-        """
-        result = np.zeros((self.geometry.n_joints, 4, len(links), 4))
-        for number, link in enumerate(links):
-            place = self.place(link)
-            result[place.joint, 0, number, 0] = 1.0
-            result[place.joint, 1:, number, 0] = place.origin
-            result[place.joint, 1:, number, 1:] = place.rotation
-        return result.reshape(4 * self.geometry.n_joints, -1)
-
     def columns(self, q: FloatArray, links: Collection[str]) -> FloatArray:
         """
         Return the torque (M, N, 4L) per mass and first moment of links, at q (M, N) in rad.
@@ -90,30 +154,88 @@ class DescribedArm:
         rest = np.zeros_like(q)
         every = regressor(self.geometry, q, rest, rest, STANDARD_GRAVITY)
         frames = every.reshape(*q.shape, -1, len(PARAMETERS))[..., :4]
-        return np.asarray(frames.reshape(*q.shape, -1) @ self.to_frames(links))
+        result = []
+        for place in map(self.place, links):
+            to_frame = np.eye(4)
+            to_frame[1:, 0], to_frame[1:, 1:] = place.origin, place.rotation
+            result.append(frames[:, :, place.joint] @ to_frame)
+        return np.concatenate(result, axis=2)
+
+    def _at_rest(self, joint: TreeJoint) -> float:
+        rule = joint.mimic
+        leader = None if rule is None else self.tree.joints.get(rule.joint)
+        return joint.rest() if rule is None or leader is None \
+            else rule.multiplier * leader.rest() + rule.offset
+
+    def _hold(self, joint: TreeJoint, place: LinkPlace) -> LinkPlace:
+        """Return the place after a joint outside the arm; add it to `_held` if it matters."""
+        if place.joint < 0:
+            tilts = joint.revolute and abs((place.rotation @ joint.axis())[2]) < 1.0 - _VERTICAL
+            # A rotation about the vertical matters only after a tilting joint.
+            if not joint.revolute or (self._upright and not tilts):
+                return place
+            self._upright = False
+        value, by = self._value(joint)
+        self._held.append(HeldJoint(joint.name, value, by))
+        return place.moved(joint, value)
+
+    def _check_fixed(self) -> None:
+        for name in self._positions.fixed:
+            if name not in self.tree.joints:
+                raise OptionError(f'{self.tree.source} has no joint {name} to hold')
+            if name in self._arm:
+                raise OptionError(f'joint {name} is part of the arm and cannot be held at a '
+                                  f'constant position')
+
+    def leader(self, joint: TreeJoint) -> TreeJoint:
+        """Return the joint that a joint mimics, directly or indirectly; else the joint itself."""
+        seen = [joint]
+        while (rule := seen[-1].mimic) is not None:
+            if rule.joint not in self.tree.joints:
+                raise DataError(f'{self.tree.source}: joint {seen[-1].name} mimics '
+                                f'{rule.joint}, which is not there')
+            seen.append(self.tree.joints[rule.joint])
+            if len(seen) > len(self.tree.joints):
+                raise DataError(f'{self.tree.source}: joint {joint.name} mimics itself')
+        return seen[-1]
+
+    def _value(self, joint: TreeJoint) -> tuple[float, str]:
+        """Return the position of a held joint, and its source."""
+        if joint.name in self._positions.fixed:
+            return float(self._positions.fixed[joint.name]), 'option'
+        leader = self.leader(joint)
+        if leader.name in self._arm:
+            raise ModelMismatchError(
+                f'{self.tree.source}: joint {joint.name} within the arm mimics {leader.name}: a '
+                f'linkage, not a serial arm')
+        if joint.mimic is not None:
+            value, by = self._value(self.tree.joints[joint.mimic.joint])
+            return joint.mimic.multiplier * value + joint.mimic.offset, by
+        if joint.name in self._positions.recorded:
+            return float(self._positions.recorded[joint.name]), 'recording'
+        return joint.rest(), 'assumption'
 
 
 def described_arm(text: str | bytes, joints: Collection[str], source: str = 'URDF',
                   held: HeldPositions = HeldPositions()) -> DescribedArm:
     """
-    Return the arm of these joints in a URDF with the links that it carries.
+    Return the arm of these joints in a URDF.
 
-    Other joints beyond an axis of the arm, such as those of a gripper, are at rest. The geometry
-    has the inertial parameters of links that are possible.
+    Its geometry has the inertial parameters of links that are possible.
 
     :raises DataError: if the text is not a URDF.
     :raises ModelMismatchError: if it describes another arm.
     """
-    known = Traversal(parse_tree(text, source), joints, held)
-    arm = DescribedArm(known.geometry, known.carried(), known.tree)
-    reach = float(np.linalg.norm(known.geometry.origins, axis=1).sum()) + _MIN_REACH
+    arm = DescribedArm(parse_tree(text, source), joints, held)
+    reach = float(np.linalg.norm(arm.geometry.origins, axis=1).sum()) + _MIN_REACH
     try:
         inertials = arm.inertials(required=False)
     except DataError:
         # Axes are learned from without masses; what requires masses names the wrong number.
         inertials = {}
     possible = {name: each for name, each in inertials.items() if each.is_possible(reach)}
-    return replace(arm, geometry=replace(arm.geometry, inertials=frame_parameters(arm, possible)))
+    arm.geometry = replace(arm.geometry, inertials=frame_parameters(arm, possible))
+    return arm
 
 
 @dataclass(frozen=True, eq=False)

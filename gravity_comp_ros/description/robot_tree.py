@@ -7,15 +7,15 @@ on demand, so that a malformed wheel or finger does not affect the arm.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 import math
 from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.kinematic.chain import about
 from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
@@ -290,3 +290,22 @@ def _several_arms(source: str, paths: dict[str, list[TreeJoint]]) -> str:
     listed = ' | '.join(shown_names(branch, _MAX_NAMES) for branch in branches)
     return (f'{source}: the joints are on {len(branches)} different branches: {listed}; choose '
             f'those of one arm (--joints {",".join(branches[0])})')
+
+
+@dataclass(frozen=True)
+class HeldPositions:
+    """
+    Constant positions of joints outside the arm, by name, in rad (m if prismatic).
+
+    `fixed` come from an option. `recorded` come from the recording; `fixed` takes precedence.
+
+    :raises OptionError: if a value is not finite.
+    """
+
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    recorded: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, value in {**self.recorded, **self.fixed}.items():
+            if not math.isfinite(value):
+                raise OptionError(f'joint {name} cannot be held at {value}')

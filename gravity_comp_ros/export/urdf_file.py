@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import (
     described_arm, DescribedArm, INERTIA_KEYS, Inertial)
-from gravity_comp_ros.description.urdf import HeldPositions
+from gravity_comp_ros.description.robot_tree import HeldPositions
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
     changed_description, ChangedDescription, Links, NearestOptions)

@@ -5,8 +5,8 @@ from pathlib import Path
 from bench.shared import urdf_snippets as robots
 from bench.shared.serial_arms import poses
 from gravity_comp_ros.description.links import described_arm, frame_parameters
-from gravity_comp_ros.description.robot_tree import arm_joints
-from gravity_comp_ros.description.urdf import held_joints, HeldPositions, parse_urdf
+from gravity_comp_ros.description.robot_tree import arm_joints, HeldPositions
+from gravity_comp_ros.description.urdf import held_joints, parse_urdf
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.codec import decode, encode
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
