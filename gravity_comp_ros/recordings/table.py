@@ -7,7 +7,6 @@ from pathlib import Path
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import BagError, OptionError
-from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
 from gravity_comp_ros.recordings.table_columns import (
     choose_columns, Columns, known_layout, merged_rows, NAMED_UNITS, NONE)
@@ -120,19 +119,15 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
         raise BagError(f'{path} has no column of time; name it (--time), or give a fixed '
                        f'rate (--rate)')
     rows_read = len(table.values)
-    if columns.time is not None:
-        table = merged_rows(table, columns.time, columns.used)
+    table = merged_rows(table, columns)
     merged = rows_read - len(table.values)
     names = _joint_names(table, options, columns.joints, len(columns.position))
-    table, repeated = _without_repeated(table, columns)
     keep = _usable_rows(table, columns, options)
     rows = table.values[keep]
     notes = [NO_VELOCITY] * (not columns.velocity)
-    if repeated:
-        notes.append(f'{counted(repeated, "row")} left out: they repeat the row before')
     if merged:
-        notes.append(f'{merged} of {rows_read} rows have blank cells: those of one time are one '
-                     f'sample, those of other topics are omitted')
+        notes.append(f'{merged} of {rows_read} rows are joined with another row of their time, or '
+                     f'are of other topics')
     angle = radians_per_unit(options.position_unit or 'rad')
     position, velocity = rows[:, columns.position], rows[:, columns.velocity]
     effort = rows[:, columns.effort]
@@ -210,15 +205,6 @@ def _refuse_text(table: Table, used: list[int]) -> None:
     comma = '; for a decimal comma, separate the cells by semicolons' * (',' in cell)
     raise BagError(f'{table.path}, line {line}, column {table.columns[column]}: {cell!r} is not a '
                    f'number{comma} (--skip-bad-rows skips such rows)')
-
-
-def _without_repeated(table: Table, columns: Columns) -> tuple[Table, int]:
-    """Return the table without rows equal to the row before, and their number."""
-    if columns.time is None:
-        return table, 0
-    used = table.values[:, columns.used]
-    repeats = np.append(False, (used[1:] == used[:-1]).all(axis=1))
-    return table.part(~repeats), int(repeats.sum())
 
 
 def _effort_scale(options: TableOptions, names: tuple[str, ...]) -> FloatArray:

@@ -19,7 +19,6 @@ from itertools import product
 import re
 
 from gravity_comp_ros.data.differentiation import is_inconsistent, slope_ratios
-from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.printable import shown_names
@@ -277,40 +276,28 @@ def _item(columns: Sequence[str], item: str, what: str, where: str) -> list[int]
     return list(range(first - 1, last))
 
 
-def merged_rows(table: Table, time: int, used: list[int]) -> Table:
+def merged_rows(table: Table, columns: Columns) -> Table:
     """
-    Return the table without rows that are blank in the used columns, with rows of one time merged.
+    Return the table with the rows of one time as one, and without rows of other topics.
 
-    :param time: column of time.
-    :param used: all columns of position, velocity, effort and time.
+    Those are blank in the used columns. Rows with two values of a cell are not merged.
     """
-    values = table.values
-    blank = np.isnan(values[:, [column for column in used if column != time]])
-    if not blank.any() or any(column in table.text for column in used):
+    if columns.time is None or any(column in table.text for column in columns.used):
         return table
-    # Rows without a time are invalid, not blank.
-    rows = np.flatnonzero(~blank.all(axis=1) | np.isnan(values[:, time]))
-    if not rows.size:
-        return table
-    starts = _groups(values[rows, time], blank[rows])
-    merged = table.part(rows[starts])
-    group = np.cumsum(np.isin(np.arange(len(rows)), starts)) - 1
-    # Later rows first, so that the first value of a group remains.
-    for column in used:
-        here = np.isfinite(values[rows, column])
-        merged.values[group[here][::-1], column] = values[rows[here], column][::-1]
-    return merged
-
-
-def _groups(t: FloatArray, blank: np.ndarray) -> np.ndarray:
-    """Return the first row of each group of equal time without a value given twice."""
-    starts, filled = [0], ~blank[0]
-    for k in range(1, len(t)):
-        present = ~blank[k]
-        is_same = abs(t[k] - t[starts[-1]]) <= FACTS.same_time
-        if not is_same or (filled & present).any():
-            starts.append(k)
-            filled = present
+    # A row without a time is invalid, not blank.
+    has_value = ~np.isnan(table.values[:, columns.used])
+    table = table.part(np.isnan(table.values[:, columns.time]) | (has_value.sum(axis=1) > 1))
+    values, time = table.values[:, columns.used], table.values[:, columns.time]
+    is_new = ~(np.abs(np.diff(time, prepend=-np.inf)) <= FACTS.same_time)
+    first = 0
+    for k in np.flatnonzero(~is_new).tolist():
+        first = k - 1 if is_new[k - 1] else first
+        # The last column is the time.
+        differs = (values[k] != values[first]) & ~np.isnan(values[k]) & ~np.isnan(values[first])
+        if differs[:-1].any() or time[k] - time[first] > FACTS.same_time:
+            is_new[k] = True
         else:
-            filled = filled | present
-    return np.array(starts)
+            values[first] = np.where(np.isnan(values[first]), values[k], values[first])
+    merged = table.part(is_new)
+    merged.values[:, columns.used] = values[is_new]
+    return merged
