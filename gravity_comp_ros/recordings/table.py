@@ -176,11 +176,10 @@ def _usable_rows(table: Table, columns: Columns, options: TableOptions) -> BoolA
     bad = ~np.isfinite(table.values[:, used])
     keep = np.asarray(~bad.any(axis=1), dtype=bool)
     if not keep.all() and not options.skip_bad_rows:
-        _refuse_text(table, used)
         row, column = np.argwhere(bad)[0]
-        value = table.values[row, used[column]]
         raise BagError(f'{table.where(int(row))}, column {table.columns[used[column]]}: '
-                       f'{"empty or not a number" if np.isnan(value) else "not finite"}')
+                       f'{_defect(table, int(row), used[column])} (--skip-bad-rows skips such '
+                       f'rows)')
     if columns.time is not None:
         time = np.where(keep, table.values[:, columns.time], -np.inf)
         latest = np.append(-np.inf, np.maximum.accumulate(time)[:-1])
@@ -195,16 +194,15 @@ def _usable_rows(table: Table, columns: Columns, options: TableOptions) -> BoolA
     return keep
 
 
-def _refuse_text(table: Table, used: list[int]) -> None:
-    """Raise a `BagError` that names the first cell of text in a used column, if any."""
-    cells = sorted((table.text[column][0][0], column) for column in used if column in table.text)
-    if not cells:
-        return
-    line, column = cells[0]
-    cell = table.text[column][0][1]
+def _defect(table: Table, row: int, column: int) -> str:
+    """Return why the cell of a row, the first invalid one of its column, is not a number."""
+    if np.isinf(table.values[row, column]):
+        return 'not finite'
+    line, cell = table.text.get(column, [(0, '')])[0]
+    if table.lines is None or line != table.lines[row]:
+        return 'empty or not a number'
     comma = '; for a decimal comma, separate the cells by semicolons' * (',' in cell)
-    raise BagError(f'{table.path}, line {line}, column {table.columns[column]}: {cell!r} is not a '
-                   f'number{comma} (--skip-bad-rows skips such rows)')
+    return f'{cell!r} is not a number{comma}'
 
 
 def _effort_scale(options: TableOptions, names: tuple[str, ...]) -> FloatArray:

@@ -114,7 +114,7 @@ GOOD = table_text()
     ('', {}, 'is empty'),
     ('t,q_0,tau_0\n', {}, 'no rows'),
     (GOOD.replace('-4.0', 'abc'), {},
-     "line 3, column tau_1: 'abc' is not a number .--skip"),
+     "line 3., column tau_1: 'abc' is not a number .--skip"),
     (GOOD.replace('-4.0', 'nan'), {}, r'row 2 \(line 3\), column tau_1: empty or not a number'),
     ('t;q_1;tau_1\n0;1.234,5;2\n1;1,5;2\n', {}, "'1.234,5' is not a number"),
     ('t,q_1,tau_1\n0,0.1,1\n1,"0,5",2\n', {}, 'for a decimal comma, separate the cells'),

@@ -142,7 +142,7 @@ def test_dates_as_times_and_unused_text_columns(tmp_path):
     result = read_table(path)
     assert result.start_ns == 1767323040 * 10**9
     np.testing.assert_allclose(result.topic.t, np.arange(20) * 0.5, atol=1e-6)
-    with pytest.raises(BagError, match="line 2, column note: 'run' is not a number"):
+    with pytest.raises(BagError, match="line 2., column note: 'run' is not a number"):
         read_table(path, TableOptions(effort='note'))
 
 
