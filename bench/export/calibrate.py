@@ -56,8 +56,7 @@ def trial(name: str, seed: int, is_known: bool,
     weight = Weight(f'{joints[-1]}_link', float(mass), tuple(centre) if is_known else None)
     try:
         return calibrate(*parts, described, weight,
-                         CalibrationOptions(same_offset=is_same),
-                         described.inertials()), constants
+                         CalibrationOptions(same_offset=is_same)), constants
     except DataError:  # no joint
         return WeightCalibration({}, {}, {}, {}, {}), constants
 

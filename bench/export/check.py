@@ -106,7 +106,7 @@ def _with_camera(text: str, rng: np.random.Generator) -> str:
 def checked(text: str, samples: JointSamples) -> DescriptionCheck:
     """Return the check of a description on a recording."""
     arm = described_arm(text, samples.names)
-    return check_description(slow_samples(samples).samples, arm, arm.inertials())
+    return check_description(slow_samples(samples).samples, arm)
 
 
 def trial(name: str, seed: int) -> list[Outcome]:

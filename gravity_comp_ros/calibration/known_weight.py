@@ -22,14 +22,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.description.links import DescribedArm, Inertial
+from gravity_comp_ros.description.links import DescribedArm
 from gravity_comp_ros.effects.motion_direction import directions
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.facts.friction import without
@@ -105,12 +104,10 @@ class WeightCalibration:
 
 
 def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weight: Weight,
-              options: CalibrationOptions = CalibrationOptions(),
-              inertials: Mapping[str, Inertial] = MappingProxyType({})) -> WeightCalibration:
+              options: CalibrationOptions = CalibrationOptions()) -> WeightCalibration:
     """
     Return the torque per unit of effort of each joint that the weight loads.
 
-    :param inertials: of the links of the arm, by name, as far as described.
     :raises DataError: if a recording has too few slow samples, the weight loads no joint, or the
         arm has an impossible weight.
     :raises ModelMismatchError: if the arm does not carry the link of the weight.
@@ -124,7 +121,7 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
     problem = _Problem(parts[0], parts[1], arm, weight, options)
     parameters, covariance = problem.fitted()
     result = _result(problem, joints, parameters, covariance, options)
-    ratio = _arm_ratio(problem.q, arm, inertials, parameters[len(joints) + 3:])
+    ratio = _arm_ratio(problem.q, arm, parameters[len(joints) + 3:])
     if not 1.0 / options.arm_factor < ratio < options.arm_factor:
         raise DataError(f'with {weight.mass:g} kg the arm would weigh {ratio:.3g} times as much '
                         f'as described: name the recording without the weight first, and check '
@@ -132,9 +129,9 @@ def calibrate(empty: JointSamples, loaded: JointSamples, arm: DescribedArm, weig
     return result
 
 
-def _arm_ratio(q: FloatArray, arm: DescribedArm, inertials: Mapping[str, Inertial],
-               moments: FloatArray) -> float:
+def _arm_ratio(q: FloatArray, arm: DescribedArm, moments: FloatArray) -> float:
     """Return the ratio of estimated to described gravity at poses (R, N), 1 without masses."""
+    inertials = arm.inertials(required=False)
     own = [inertial.about_origin()[:4] for inertial in inertials.values()]
     if not own:
         return 1.0

@@ -82,8 +82,7 @@ def run(args: argparse.Namespace) -> Answer:
                         None if args.com is None else tuple(args.com))
         joints = arm.geometry.joints
         result = calibrate(empty.select_joints(joints).slow, loaded.select_joints(joints).slow,
-                           arm, weight, CalibrationOptions(same_offset=args.same_zero),
-                           arm.inertials(required=False))
+                           arm, weight, CalibrationOptions(same_offset=args.same_zero))
     # Relative to the scales with which the recordings were read.
     read = {joint: empty.reports[0].effort_scale.get(joint, 1.0) for joint in result.scales}
     option = '--effort-scale ' + ','.join(f'{joint}={read[joint] * scale.value:.5g}'

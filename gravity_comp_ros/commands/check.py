@@ -44,10 +44,8 @@ def run(args: argparse.Namespace) -> terminal.Answer:
         arm = reading.described(args, recording)
         report('check', 0.5)
         slow = recording.select_joints(arm.geometry.joints).slow
-        inertials = arm.inertials()
-        result = check_description(slow, arm, inertials)
-        faults = findings(result, arm, arm.tree, inertials,
-                          recording.reports[0].options.effort_scale)
+        result = check_description(slow, arm)
+        faults = findings(result, arm, recording.reports[0].options.effort_scale)
         report('check', 1.0)
     source = arm.tree.source
     unchecked, errors = unchecked_sentences(result), error_rows(result)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description.links import DescribedArm, frame_parameters, Inertial, on_frame
+from gravity_comp_ros.description.links import DescribedArm, frame_parameters, on_frame
 from gravity_comp_ros.description_check.faults import (
     AXIS_REVERSED, AXIS_TURNED, CheckOptions, Fault, FaultyArm, MOUNT, possible_faults, ZERO)
 from gravity_comp_ros.description_check.search import corrected, FaultEvidence, FaultFit, search
@@ -38,16 +38,14 @@ class DescriptionCheck:
 
 
 def check_description(samples: JointSamples, arm: DescribedArm,
-                      inertials: dict[str, Inertial],
                       options: CheckOptions = CheckOptions()) -> DescriptionCheck:
     """
     Return the faults of a description that a recording of slow motion shows.
 
     :param samples: of the joints of the arm, with speeds.
-    :param inertials: of the links that the arm carries.
-    :raises DataError: if there are too few samples.
+    :raises DataError: if there are too few samples, or no link of the arm has a mass.
     """
-    joints = arm.geometry.joints
+    joints, inertials = arm.geometry.joints, arm.inertials()
     samples = samples.joints(joints)
     if samples.n_samples < FactOptions().min_slow_samples:
         raise DataError(f'{samples.n_samples} slow samples are too few to check a description; '

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.description.links import DescribedArm, Inertial
-from gravity_comp_ros.description.robot_tree import RobotTree, TreeJoint
+from gravity_comp_ros.description.links import DescribedArm
+from gravity_comp_ros.description.robot_tree import TreeJoint
 from gravity_comp_ros.description_check.check import DescriptionCheck
 from gravity_comp_ros.description_check.faults import (
     AXIS_REVERSED, AXIS_TURNED, BODY, GAIN, MASS, MOUNT, ORDER, UNIT, ZERO)
@@ -47,15 +48,14 @@ class Finding:
                 'alternatives': list(self.alternatives)}
 
 
-def findings(check: DescriptionCheck, arm: DescribedArm, tree: RobotTree,
-             inertials: Mapping[str, Inertial],
-             scales: Mapping[str, float] | None = None) -> list[Finding]:
+def findings(check: DescriptionCheck, arm: DescribedArm,
+             scales: Mapping[str, float] = MappingProxyType({})) -> list[Finding]:
     """
     Return the faults of a check as sentences, the worst first.
 
     :param scales: `--effort-scale` by joint with which the recording was read.
     """
-    writer = _Writer(arm, tree, inertials, scales or {})
+    writer = _Writer(arm, scales)
     return [writer.finding(fit) for fit in check.faults]
 
 
@@ -74,9 +74,8 @@ def unchecked_sentences(check: DescriptionCheck) -> list[str]:
 class _Writer:
     """Sentences about an arm of a description."""
 
-    def __init__(self, arm: DescribedArm, tree: RobotTree,
-                 inertials: Mapping[str, Inertial], scales: Mapping[str, float]) -> None:
-        self.arm, self.tree, self.inertials, self.scales = arm, tree, inertials, scales
+    def __init__(self, arm: DescribedArm, scales: Mapping[str, float]) -> None:
+        self.arm, self.scales = arm, scales
         self._texts: Mapping[str, Callable[[FaultFit, str], tuple]] = {
             AXIS_REVERSED: self._reversed, AXIS_TURNED: self._turned, ZERO: self._zero,
             ORDER: self._order, MOUNT: self._mount, GAIN: self._gain, UNIT: self._unit,
@@ -92,7 +91,7 @@ class _Writer:
                        ci95, fit.evidence, others)
 
     def _joint(self, name: str) -> TreeJoint:
-        return self.tree.joints[name]
+        return self.arm.tree.joints[name]
 
     def _reversed(self, fit: FaultFit, joint: str) -> tuple:
         return (f'the axis of {joint} is reversed: angle and torque have the other sign',
@@ -121,7 +120,7 @@ class _Writer:
     def _mount(self, fit: FaultFit, _: str) -> tuple:
         angle, std = _angle(fit)
         axis = fit.parameters / max(float(np.hypot(*fit.parameters)), 1e-12)
-        first = self.tree.path(self.arm.geometry.joints[0])[0]
+        first = self.arm.tree.path(self.arm.geometry.joints[0])[0]
         turned = tilt(fit.parameters[None])[0] @ first.rotation()
         return (f'the base is mounted turned by {angle:.1f} ± {HALF_95 * std:.1f} deg about the '
                 f'axis ({axis[0]:.2f}, {axis[1]:.2f}, 0) of {first.parent}',
@@ -145,7 +144,7 @@ class _Writer:
         return '--effort-scale ' + ','.join(f'{joint}={x:.4g}' for joint, x in scales.items())
 
     def _mass(self, fit: FaultFit, link: str) -> tuple:
-        described = self.inertials[link].mass
+        described = self.arm.inertials()[link].mass
         mass = described * (1.0 + fit.parameters[0])
         std = described * float(np.sqrt(fit.covariance[0, 0]))
         return (f'the mass of {link} is {mass:.3f} ± {HALF_95 * std:.3f} kg, not '

@@ -44,11 +44,10 @@ def edited(joint=None, link=None, **changes):
     return ElementTree.tostring(root, encoding='unicode')
 
 
-def checked(text, samples, scales=None):
+def checked(text, samples, *scales):
     arm = described_arm(text, JOINTS)
-    inertials = arm.inertials()
-    result = check_description(samples, arm, inertials)
-    return result, findings(result, arm, arm.tree, inertials, scales)
+    result = check_description(samples, arm)
+    return result, findings(result, arm, *scales)
 
 
 def rpy_of(joint, turn=None, about=None):
@@ -147,9 +146,8 @@ def test_the_gravity_of_a_state_agrees_with_the_columns_of_links(samples):
 
 def test_few_samples_and_descriptions_without_mass_are_refused(samples):
     arm = described_arm(URDF, JOINTS)
-    inertials = arm.inertials()
     with pytest.raises(DataError, match='too few'):
-        check_description(samples.select(np.arange(20)), arm, inertials)
+        check_description(samples.select(np.arange(20)), arm)
     text = re.sub(r'<inertial>.*?</inertial>', '', URDF, flags=re.DOTALL)
     with pytest.raises(DataError, match='gives no mass'):
         described_arm(text, JOINTS).inertials()
