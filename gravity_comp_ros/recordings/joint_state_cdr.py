@@ -109,7 +109,6 @@ class _Layout:
         self._order = order = '<' if ros1 or data[1] == 1 else '>'
         _, frame = self._text(HEADER + 8)
         count, end = self._count(frame)
-        begin = end - 4
         if count > len(data):
             raise ValueError('more names than bytes')
         names = []
@@ -117,22 +116,22 @@ class _Layout:
             name, end = self._text(end)
             names.append(name.rstrip(b'\0').decode('utf-8'))
         self.names = tuple(names)
-        # Parts that agree in all messages of a layout: the header, the length of the frame's name,
-        # the names, and the number of values of each array.
-        fixed = [(0, 0 if ros1 else HEADER), (HEADER + 8, HEADER + 12), (begin, end)]
+        # Parts that agree in all messages of a layout: the header, the names of frame and joints,
+        # and the number of values of each array.
+        fixed = [*range(0 if ros1 else HEADER), *range(HEADER + 8, end)]
         fields: dict[str, tuple] = {'sec': (order + 'i4', HEADER),
                                     'nanosec': (order + 'u4', HEADER + 4)}
         for what in ('position', 'velocity', 'effort'):
             count, begin = self._count(end)
-            fixed.append((begin - 4, begin))
+            fixed += range(begin - 4, begin)
             begin = self._aligned(begin, 8) if count else begin  # no padding before no values
             end = self._checked(begin + 8 * count)
             fields[what] = ((order + 'f8', (count,)), begin)
         kinds, offsets = zip(*fields.values())
         self._record = np.dtype({'names': [*fields], 'formats': kinds, 'offsets': offsets,
                                  'itemsize': self.length})
-        whole = np.frombuffer(data, dtype=np.uint8)
-        self._fixed = [(begin, whole[begin:end]) for begin, end in fixed]
+        self._places = np.array(fixed)
+        self._expected = np.frombuffer(data, dtype=np.uint8)[self._places]
 
     def _text(self, at: int) -> tuple[bytes, int]:
         """Return a string and its end."""
@@ -155,10 +154,7 @@ class _Layout:
 
     def matching(self, rows: Bytes) -> BoolArray:
         """Return the mask (M,) of the rows (M, length) with this layout."""
-        equal = np.ones(len(rows), dtype=bool)
-        for begin, expected in self._fixed:
-            equal &= (rows[:, begin:begin + len(expected)] == expected).all(axis=1)
-        return equal
+        return np.asarray((rows[:, self._places] == self._expected).all(axis=1))
 
     def block(self, which: Places, rows: Bytes) -> Block:
         records = rows.view(self._record)[:, 0]
@@ -186,4 +182,6 @@ def decode(batch: Batch, ros1: bool = False) -> Iterator[Block]:
         if not matching.all():
             which, rows = which[matching], rows[matching]
         yield layout.block(which, rows)
+        if len(which) == len(remaining):
+            return
         remaining = np.setdiff1d(remaining, which, assume_unique=True)
