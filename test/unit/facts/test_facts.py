@@ -355,14 +355,3 @@ def test_reversals_between_runs_do_not_count():
     up = synthesise(ARM, motions.eq17(duration=4, start=2.0), NOISE)
     down = replace(up, q=-up.q, qd=-up.qd)
     assert describe(concatenate([up, down])).joints['iiwa_joint_4'].reversals == 0
-
-
-def test_slow_samples_at_rest_in_a_fast_recording():
-    motion = motions.eq15(duration=20, rate=10)
-    fast = synthesise(ARM, motion, NOISE)
-    waiting = replace(fast, q=np.tile(fast.q[:1], (200, 1)), qd=np.zeros_like(fast.qd))
-    whole = JointSamples.single_run(
-        fast.names, np.arange(400) / 10, np.concatenate([waiting.q, fast.q]),
-        np.concatenate([waiting.qd, fast.qd]), np.concatenate([waiting.tau, fast.tau]))
-    (text,) = remarks(whole, 'cover little')
-    assert 'iiwa_joint_1' in text and ' rad' in text
