@@ -66,27 +66,15 @@ def spikes(signals: Signals) -> tuple[BoolArray, Fact | None]:
     return _set_aside(signals, bad, Kind.SPIKES, 'effort has spikes in')
 
 
-def median_of_five(x: FloatArray) -> FloatArray:
-    """Return the median of x (M,) over two samples on either side; edges are repeated."""
-    if len(x) < 5:
-        return np.full_like(x, np.median(x)) if len(x) else x
-    padded = np.pad(x, 2, mode='edge')
-    a, b, c, d, e = (padded[k:k + len(x)] for k in range(5))
-    # The middle of five is that of c, and of the inner two of two sorted pairs.
-    low = np.maximum(np.minimum(a, b), np.minimum(d, e))
-    high = np.minimum(np.maximum(a, b), np.maximum(d, e))
-    return np.asarray(np.maximum(np.minimum(low, high),
-                                 np.minimum(np.maximum(low, high), c)))
-
-
 def _deviation(x: FloatArray) -> FloatArray:
     """
-    Return deviations (M,) from the median of five neighbours.
+    Return deviations (M,) from the median of five neighbours; the edges are repeated.
 
     Of the first and last sample it is that from a line through the next two as well: the smaller
     one, because a trend has no median, and a signal that alternates is no line.
     """
-    deviation = np.abs(x - median_of_five(x))
+    neighbours = np.lib.stride_tricks.sliding_window_view(np.pad(x, 2, mode='edge'), 5)
+    deviation = np.abs(x - np.median(neighbours, axis=1))
     for edge, near, next_, five in ((0, 1, 2, x[:5]), (-1, -2, -3, x[-5:])):
         deviation[edge] = min(abs(x[edge] - 2.0 * x[near] + x[next_]),
                               abs(x[edge] - np.median(five)))

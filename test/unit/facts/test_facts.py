@@ -9,7 +9,6 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind
 from gravity_comp_ros.facts.motion import describe
-from gravity_comp_ros.facts.outliers import median_of_five
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.cleaning import NOT_FINITE
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
@@ -65,11 +64,6 @@ def test_a_good_recording_has_no_facts_and_is_not_changed(tmp_path):
     assert facts(recording) == []
     np.testing.assert_array_equal(recording.samples.tau, TAU)
     np.testing.assert_array_equal(recording.samples.qd, QD)
-
-
-def test_median_of_five_by_hand():
-    np.testing.assert_array_equal(median_of_five(np.array([1.0, 9, 2, 3, -8, 4])),
-                                  [1, 2, 2, 3, 3, 4])
 
 
 def test_spikes_of_the_effort_are_left_out(tmp_path):
