@@ -287,7 +287,8 @@ def merged_rows(table: Table, columns: Columns) -> Table:
     # A row without a time is invalid, not blank.
     has_value = ~np.isnan(table.values[:, columns.used])
     table = table.part(np.isnan(table.values[:, columns.time]) | (has_value.sum(axis=1) > 1))
-    values, time = table.values[:, columns.used], table.values[:, columns.time]
+    values = table.values[:, columns.used]
+    time = np.where(np.isfinite(values[:, -1]), values[:, -1], np.nan)
     is_new = ~(np.abs(np.diff(time, prepend=-np.inf)) <= FACTS.same_time)
     first = 0
     for k in np.flatnonzero(~is_new).tolist():
