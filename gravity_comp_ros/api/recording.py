@@ -9,8 +9,7 @@ from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.data.differentiation import differentiate, is_inconsistent, slope_ratios
 from gravity_comp_ros.data.gate import apply_gate, GateOptions, GateResult
-from gravity_comp_ros.data.holdout import Block, blocks_to_hold_out, within
-from gravity_comp_ros.data.runs import numbers_in
+from gravity_comp_ros.data.runs import Block, blocks_to_hold_out, numbers_in, within
 from gravity_comp_ros.data.samples import BoolArray, concatenate, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, TextTable
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError

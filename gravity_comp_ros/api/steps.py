@@ -15,8 +15,7 @@ from gravity_comp_ros.api.axes import ArmOptions, known_arm, KnownArm
 from gravity_comp_ros.api.read import arm_facts, check_facts
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import apply_gate, GateOptions
-from gravity_comp_ros.data.holdout import Block, GUARD, within
-from gravity_comp_ros.data.runs import numbers_in, recorded_time
+from gravity_comp_ros.data.runs import Block, GUARD, numbers_in, recorded_time, within
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED, JointOrder, TORQUES
 from gravity_comp_ros.diagnosis.diagnose import diagnose

@@ -27,7 +27,7 @@ from pathlib import Path
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, held_out_blocks
 from gravity_comp_ros.commands import arguments, html, next_step, reading, terminal
-from gravity_comp_ros.data.holdout import Block, within
+from gravity_comp_ros.data.runs import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.display import percent
 from gravity_comp_ros.errors import DataError, OptionError

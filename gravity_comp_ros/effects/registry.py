@@ -16,7 +16,7 @@ from difflib import get_close_matches
 from functools import cache, partial
 from importlib.metadata import entry_points
 
-from gravity_comp_ros.data.joint_names import joint_named
+from gravity_comp_ros.data.samples import joint_named
 from gravity_comp_ros.effects import (
     changes, elastic, friction, friction_memory, offset, periodic, rigid_body, tool_force)
 from gravity_comp_ros.effects.effect import Effect

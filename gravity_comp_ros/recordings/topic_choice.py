@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 import re
 
-from gravity_comp_ros.data.joint_names import joint_named, rename_hint
+from gravity_comp_ros.data.samples import joint_named, rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.facts.fact import accepted_kinds, Action, Fact, unless_accepted
 from gravity_comp_ros.facts.joints import named_facts

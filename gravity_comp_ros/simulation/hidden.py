@@ -8,7 +8,7 @@ from math import asinh, isfinite
 import textwrap
 from typing import Any, TYPE_CHECKING
 
-from gravity_comp_ros.data.joint_names import joint_named
+from gravity_comp_ros.data.samples import joint_named
 from gravity_comp_ros.errors import OptionError
 if TYPE_CHECKING:
     # Imports pinocchio, which the help of `synth` does not need.

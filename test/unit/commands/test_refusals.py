@@ -6,7 +6,7 @@ import shlex
 from bench.shared.command_line import refused, run_json
 from bench.shared.rough_links import two_link_urdf, two_links
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.data.joint_names import joint_named
+from gravity_comp_ros.data.samples import joint_named
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
 import numpy as np

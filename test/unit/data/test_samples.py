@@ -3,8 +3,8 @@
 from dataclasses import FrozenInstanceError
 
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.data.holdout import blocks_to_hold_out, GUARD, within
-from gravity_comp_ros.data.runs import MAX_PAUSE, run_time, session_time
+from gravity_comp_ros.data.runs import (
+    blocks_to_hold_out, GUARD, MAX_PAUSE, run_time, session_time, within)
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from hypothesis import given, strategies as st

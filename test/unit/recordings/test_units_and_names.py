@@ -5,7 +5,7 @@ import tempfile
 
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.data.joint_names import rename_hint
+from gravity_comp_ros.data.samples import rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
