@@ -47,40 +47,37 @@ def differentiate(t: ArrayLike, q: ArrayLike, window: float = 0.2) -> FloatArray
     step = float(np.median(steps))
     edges = np.flatnonzero(np.diff(times, prepend=-np.inf, append=np.inf) > _GAP * step)
     for begin, end in zip(edges, edges[1:]):
-        if end > begin + 1:
-            speed[begin:end] = _stretch(times[begin:end], positions[begin:end], step, window)
+        for n in range(positions.shape[1]) if end > begin + 1 else ():
+            # Joint by joint, to limit memory.
+            speed[begin:end, n] = _slope(times[begin:end], positions[begin:end, n], step, window)
     return speed
 
 
-def _stretch(t: FloatArray, q: FloatArray, step: float, window: float) -> FloatArray:
-    """Return the velocity (M, N) in one stretch without a gap."""
+def _slope(t: FloatArray, q: FloatArray, step: float, window: float) -> FloatArray:
+    """Return the slope (M,) of values (M,) in one stretch without a gap."""
     count = max(int(round((t[-1] - t[0]) / step)) + 1, 2)
-    grid = np.linspace(t[0], t[-1], count)
-    spacing = grid[1] - grid[0]
-    regular = np.stack([np.interp(grid, t, column) for column in q.T], axis=1)
+    grid, spacing = np.linspace(t[0], t[-1], count, retstep=True)
+    regular = np.asarray(np.interp(grid, t, q))
     if count < 5:
-        slope = np.gradient(regular, spacing, axis=0)
-    else:
-        length = max(2 * int(round(window / (2 * spacing))) + 1, 5)
-        slope = _sliding_slope(regular, min(length, count - 1 + count % 2)) / spacing
-    return np.stack([np.interp(t, grid, column) for column in slope.T], axis=1)
+        return np.asarray(np.interp(t, grid, np.gradient(regular, spacing)))
+    length = max(2 * int(round(window / (2 * spacing))) + 1, 5)
+    slope = _sliding_slope(regular, min(length, count - 1 + count % 2)) / spacing
+    return np.asarray(np.interp(t, grid, slope))
 
 
 def _sliding_slope(q: FloatArray, length: int) -> FloatArray:
     """
-    Return the slope per row of cubics through `length` rows of q (M, N), an odd number.
+    Return the slope per row of cubics through `length` rows of q (M,), an odd number.
 
     `scipy.signal.savgol_filter` is equivalent, but its import is slow.
     """
     half = length // 2
     powers = np.vander(np.arange(-half, half + 1.0), _ORDER + 1, increasing=True)
     derivative, cubic = powers[:, :-1] * np.arange(1, _ORDER + 1), np.linalg.pinv(powers)
-    slope = np.empty_like(q)
-    slope[half:-half] = np.stack([np.correlate(column, cubic[1]) for column in q.T], axis=1)
     # The first and the last cubic are used up to the ends.
-    slope[:half] = (derivative @ (cubic[1:] @ q[:length]))[:half]
-    slope[-half:] = (derivative @ (cubic[1:] @ q[-length:]))[-half:]
-    return slope
+    return np.concatenate([(derivative @ (cubic[1:] @ q[:length]))[:half],
+                           np.correlate(q, cubic[1]),
+                           (derivative @ (cubic[1:] @ q[-length:]))[-half:]])
 
 
 # s. Long enough for a motion above the noise of encoders, shorter than a reversal.
@@ -152,7 +149,7 @@ def accelerations(samples: JointSamples) -> FloatArray:
     qdd = np.zeros(samples.qd.shape)
     for run in run_slices(samples) if samples.qd.any() else ():
         qdd[run] = differentiate(samples.t[run], samples.qd[run], WINDOW)
-    return np.nan_to_num(qdd, nan=0.0)
+    return np.nan_to_num(qdd, copy=False)
 
 
 def with_accelerations(part: JointSamples, samples: JointSamples) -> JointSamples:
