@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from gravity_comp_ros.api.axes import ArmOptions, ASKED, known_arm
+from gravity_comp_ros.api.axes import ArmOptions, ASKED, known_arm, NO_DESCRIPTION
 from gravity_comp_ros.api.read import arm_facts, check_facts, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import add_to_model, diagnose_recording, learn, Learned
@@ -114,7 +114,9 @@ class JobRunner:
         if model is None:
             return _learned(recording, job, progress)
         if job.step is Step.PLAN:
-            limits = arm_limits(job.choice.urdf, job.paths, model.joints,
+            # Unknown axes are those of a fit; the limits of a recorded description hold.
+            urdf = None if job.choice.urdf == NO_DESCRIPTION else job.choice.urdf
+            limits = arm_limits(urdf, job.paths, model.joints,
                                 recording.samples.joints(model.joints).q)
             planned = plan(recording.samples, model, job.effects, diagnosis=job.diagnosis,
                            progress=progress, obstacles=limits.check)

@@ -198,7 +198,7 @@ def select(title: str, name: str, options: Sequence[tuple[str, str]], value: str
 def box(label: str, name: str, value: str, checked: bool) -> str:
     """Return a check box."""
     return (f'<label><input type="checkbox" name="{name}" value="{markup.text(value)}"'
-            f'{" checked" * checked}> {markup.text(label)}</label>')
+            f'{" checked" * checked}> <span>{markup.text(label)}</span></label>')
 
 
 def field(title: str, name: str, value: str) -> str:

@@ -145,6 +145,13 @@ def test_a_model_is_evaluated_on_other_runs_without_a_new_fit(learned):
         Choice((), JOINTS).recording(session.read.samples, session.read.reports)
 
 
+def test_a_motion_is_planned_without_a_description(learned):
+    learned.evaluate(replace(learned.choice, urdf='none'))
+    learned.request_plan(('torque_offset:elbow',))
+    worked(learned, until='DIAGNOSE')
+    assert not learned.error and learned.plan.trajectory.joints == JOINTS
+
+
 def test_a_model_of_another_robot_is_refused(learned, tmp_path):
     other = tmp_path / 'other.mcap'
     write_bag(other, [joint_states(two_links(1, names=('a', 'b')))])
