@@ -105,8 +105,8 @@ class _File(Handler):
         page = self.page
         try:
             text = await IOLoop.current().run_in_executor(None, page.file(name))
-        except (GravityCompError, KeyError) as problem:
-            self.refuse(404, str(problem))
+        except KeyError:
+            self.refuse(404, f'there is no {name} yet')
             return
         self.set_header('Content-Type', 'application/octet-stream')
         self.set_header('Content-Disposition', f'attachment; filename="{name}"')
