@@ -41,11 +41,9 @@ def _equation(contents: Contents, n: int) -> str:
             f'{markup.text(shortened(model.equation(name), REPORT.shown_terms))}</p>')
     if count <= REPORT.shown_terms:
         return html
-    order = np.argsort(-np.abs(torque.weights), kind='stable')[:REPORT.max_terms]
+    order = np.argsort(-np.abs(torque.weights), kind='stable')
     features = dictionary.feature_names(torque.indices[order], model.n_joints)
-    note = '' if count <= REPORT.max_terms else markup.paragraph(
-        f'The {REPORT.max_terms} largest of {count} terms; the model file lists all.', 'quiet')
-    return html + markup.folded(f'all terms of {name}', note + markup.table(
+    return html + markup.folded(f'all terms of {name}', markup.table(
         ['weight N·m', 'feature'],
         [[f'{weight:.4f}', feature] for weight, feature in zip(torque.weights[order], features)],
         left=('feature',)))

@@ -22,7 +22,7 @@ _CELLS = 12
 def cell_edges(q: FloatArray, cells: int = _CELLS) -> FloatArray:
     """Return edges (N, cells + 1) in rad that divide the range of each joint of q (M, N)."""
     low, high = q.min(axis=0), q.max(axis=0)
-    half, middle = 0.5 * np.maximum(high - low, REPORT.min_range), 0.5 * (low + high)
+    half, middle = 0.5 * np.maximum(high - low, REPORT.min_travel), 0.5 * (low + high)
     return np.linspace(middle - half, middle + half, cells + 1).T
 
 

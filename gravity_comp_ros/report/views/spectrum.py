@@ -61,7 +61,7 @@ def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatAr
     q, residual = q[rows], residual[rows] - residual[rows].mean()
     lowest = 2.0 * np.pi / travel
     count = int(REPORT.max_order / (REPORT.order_step * lowest)) + 1
-    orders = (REPORT.order_step * lowest * np.arange(2.0, count))[:REPORT.max_points]
+    orders = REPORT.order_step * lowest * np.arange(2.0, count)
     amplitudes = np.zeros(len(orders))
     for k, order in enumerate(orders):
         waves = np.column_stack([np.sin(order * q), np.cos(order * q)])
