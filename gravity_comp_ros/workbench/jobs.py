@@ -114,7 +114,7 @@ class JobRunner:
         if model is None:
             return _learned(recording, job, progress)
         if job.step is Step.PLAN:
-            # Unknown axes are those of a fit; the limits of a recorded description hold.
+            # Axes that a fit does not use; a recorded description still has the limits.
             urdf = None if job.choice.urdf == NO_DESCRIPTION else job.choice.urdf
             limits = arm_limits(urdf, job.paths, model.joints,
                                 recording.samples.joints(model.joints).q)

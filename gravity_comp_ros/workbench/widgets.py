@@ -72,7 +72,8 @@ frame.addEventListener('load', async () => {
   const plots = frame.contentWindow.Bokeh?.documents[0]
   const joint = plots?.get_model_by_name('joint')
   if (joint && joint.options.some(([value]) => value == kept.joint)) joint.value = kept.joint
-  if (kept.rows?.length) plots.get_model_by_name('samples').selected.indices = kept.rows
+  const samples = plots?.get_model_by_name('samples')
+  if (samples && kept.rows?.length) samples.selected.indices = kept.rows
 })
 const show = (parts) => {
   const focused = document.activeElement.id
