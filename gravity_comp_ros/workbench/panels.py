@@ -98,9 +98,10 @@ def history_html(results: Results) -> str:
         if (known := results.errors(stage))]
     html = '<h2>Error history</h2>' + last_change(errors)
     if len(errors) > 1:
-        html += markup.table(['RMSE, N·m', *(name for name, _ in errors)], [
-            [joint, *(f'{known[joint]:.4f}' if joint in known else '–' for _, known in errors)]
-            for joint in errors[-1][1]])
+        html += markup.folded('all joints and stages', markup.table(
+            ['RMSE, N·m', *(name for name, _ in errors)], [
+                [joint, *(f'{known[joint]:.4f}' if joint in known else '–' for _, known in errors)]
+                for joint in errors[-1][1]]))
     if stage is None or at is None:
         return html
     if at > 0:
