@@ -17,7 +17,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.commands.reading import scale_warnings
-from gravity_comp_ros.commands.terminal import Answer, note, table
+from gravity_comp_ros.commands.terminal import Answer, table
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.evaluation.compare import compare_prediction
 from gravity_comp_ros.models.model_file import load_model
@@ -53,16 +53,14 @@ def run(args: argparse.Namespace) -> Answer:
               JointTopic(PREDICTION, samples.names, samples.t, samples.q, effort=predicted),
               JointTopic(RESIDUAL, samples.names, samples.t, samples.q, effort=residual)]
     count = write_bag(args.output, topics, recording.report.start_ns)
-    if args.json != '-':
-        for line in recording.report.notes:
-            note(line)
     beyond = [f'{100 * outside:.0f} % of the samples are outside the trained range of the model']
     return Answer(
         {'output': str(args.output), 'n': len(samples),
          'joints': {joint: {'rms': error.rmse, 'max_abs': error.max_abs}
                     for joint, error in comparison.joints.items()},
          'outside_trained_range': outside, 'notes': recording.report.notes},
-        [table('Residual', ('joint', 'rms N·m', 'max N·m'),
+        [*recording.report.notes,
+         table('Residual', ('joint', 'rms N·m', 'max N·m'),
                [(joint, f'{error.rmse:.3f}', f'{error.max_abs:.3f}')
                 for joint, error in comparison.joints.items()]),
          f'wrote {args.output}: {counted(count, "message")} on /joint_states, {PREDICTION} and '

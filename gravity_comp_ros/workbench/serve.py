@@ -34,8 +34,8 @@ from tornado.web import Application
 _LOG = logging.getLogger(__name__)
 _LOCAL = ('127.0.0.1', 'localhost')
 _POLL_MS = 100
-# Longest wait, in s, for a change to show; the browser asks again.
-_MAX_WAIT = 20.0
+# Longest wait, in s, for a change to show; the browser asks again. It has six connections at most.
+_MAX_WAIT = 5.0
 
 
 class _Start(Handler):

@@ -66,7 +66,8 @@ def choice_of(session: Session, form: Mapping[str, Sequence[str]]) -> Choice:
     :param form: values by name.
     :raises OptionError: if a value is invalid.
     """
-    runs = tuple(sorted(int(value) for value in form.get('run', ())))
+    n_runs = len(session.read.reports) if session.read else 0
+    runs = tuple(k for k in range(n_runs) if str(k) in form.get('run', ()))
     joints = tuple(name for name in session.joints if name in form.get('joint', ()))
     if not runs or not joints:
         raise OptionError('select at least one run and one joint')
