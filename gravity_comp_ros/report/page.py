@@ -60,7 +60,7 @@ def report_html(contents: Contents, names: Sequence[str] = tuple(SECTIONS)) -> s
     """
     # All plots share one table, so that selections are common.
     table = Table(contents)
-    selector = joint_selector(contents.joints, str(contents.joints.index(contents.worst)))
+    selector = joint_selector(contents.joints, contents.worst)
     sections = [SECTIONS[name](contents, table, selector) for name in names]
     selector.visible &= any(name in BY_JOINT for name in names)
     document = Document(theme=THEME)

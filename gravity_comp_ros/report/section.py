@@ -12,7 +12,6 @@ from bokeh.plotting import figure
 from gravity_comp_ros.report import css
 from gravity_comp_ros.report.style import label
 
-ALL = 'all'
 _SHOW = """
 inside.children = lines.filter((_, k) => cb_obj.value == 'all' || cb_obj.value == String(k))
 """
@@ -38,14 +37,10 @@ class Section:
 
 
 def joint_selector(names: Sequence[str], chosen: str) -> Select:
-    """
-    Return a drop-down list of joints, for `by_joint`.
-
-    :param chosen: number of the joint shown first, or `ALL`.
-    """
+    """Return a drop-down list of joints, for `by_joint`; `chosen` is the one shown first."""
     options = [(str(k), label(name, 60)) for k, name in enumerate(names)]
-    return Select(title='Plots of joint', value=chosen, width=260, name='joint',
-                  options=[*options, (ALL, 'all joints')], stylesheets=[css.CONTROL],
+    return Select(title='Plots of joint', value=str(names.index(chosen)), width=260, name='joint',
+                  options=[*options, ('all', 'all joints')], stylesheets=[css.CONTROL],
                   visible=len(names) > 1)
 
 
@@ -61,8 +56,7 @@ def by_joint(select: Select, make: Callable[[int], Sequence[figure]],
     """
     plots = [make(k) for k in range(len(select.options) - 1)]
     lines = [_line(figures, min_width) for figures in plots]
-    inside = column(*(line for k, line in enumerate(lines) if select.value in (ALL, str(k))),
-                    sizing_mode='stretch_width')
+    inside = column(lines[int(select.value)], sizing_mode='stretch_width')
     select.js_on_change('value', CustomJS(code=_SHOW, args={'inside': inside, 'lines': lines}))
     return _with_tools(inside, [fig for figures in plots for fig in figures])
 

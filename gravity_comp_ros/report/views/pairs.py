@@ -11,7 +11,7 @@ from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT
-from gravity_comp_ros.report.section import ALL, Section, tiles
+from gravity_comp_ros.report.section import Section, tiles
 from gravity_comp_ros.report.style import GRID, HEAT, label, plot
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +74,7 @@ def section(contents: Contents, selector: Select) -> Section:
     q = contents.samples.q[:, numbers]
     edges = cell_edges(q)
     visited = pair_cells(places(q, edges), contents.residual[:, numbers], _CELLS)
-    joint = names.index(contents.worst) if selector.value == ALL else int(selector.value)
+    joint = int(selector.value)
     cells = ColumnDataSource(visited | _rectangles(visited, edges)
                              | {'shown': visited[f'e{joint}']})
     colours = LinearColorMapper(palette=HEAT, low=0.0,
