@@ -21,22 +21,14 @@ HELP = 'Learn the gravity torque of a robot arm from recorded joint states, and 
     'model.'
 EXAMPLE = """\
 the loop:
-  gravity_comp info run1.mcap                       joints, speeds, coverage of a recording
-  gravity_comp fit run1.mcap -o arm.json            learn the gravity model
-  gravity_comp compare run2.mcap --model arm.json   error of the model for each joint
-  gravity_comp diagnose run2.mcap --model arm.json  physical effects missing from the model
+  gravity_comp info run1.mcap
+  gravity_comp fit run1.mcap -o arm.json
+  gravity_comp compare run2.mcap --model arm.json
+  gravity_comp diagnose run2.mcap --model arm.json
   gravity_comp add coulomb_friction:elbow --model arm.json run2.mcap
-                                                    add an effect, compare held-out errors
-  gravity_comp check run1.mcap --urdf robot.urdf    is the description of this arm?
-  gravity_comp update tool.mcap --model arm.json    relearn after a payload change, from 10 s
-  gravity_comp replay run2.mcap --model arm.json -o out.mcap
-                                                    measured, predicted, residual to plot
-  gravity_comp plan run1.mcap --model arm.json -o motion.yaml
-                                                    motion that resolves open findings
-  gravity_comp workbench run1.mcap run2.mcap        the same loop in a browser
+  gravity_comp workbench run1.mcap run2.mcap        the same in a browser
 
-without a robot:
-  gravity_comp synth --help                         record a simulated arm
+without a robot: gravity_comp synth --help
 
 `gravity_comp VERB --help` lists the options and examples of a verb.
 Exit status: 0 done, 1 failed (one line gives the reason), 2 wrong usage.
