@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-import errno
 import json
 import logging
 from pathlib import Path
@@ -155,11 +154,9 @@ def make_server(host: str, port: int, sessions: Sessions, token: str) -> tuple[H
     try:
         sockets = bind_sockets(port, host)
     except OSError as problem:
-        in_use = problem.errno in (errno.EADDRINUSE, errno.EACCES)
-        reason = f'port {port} is in use' if in_use else \
-            f'cannot serve on {host}: {(problem.strerror or "unknown").lower()}'
-        raise OptionError(f'{reason}: choose another with --port, or 0 for any free port'
-                          ) from problem
+        reason = (problem.strerror or str(problem)).lower()
+        raise OptionError(f'cannot serve on {host}, port {port}: {reason}; choose another with '
+                          f'--port, or 0 for any free port') from problem
     shared: Mapping[str, Any] = {'sessions': sessions, 'token': token}
     server = HTTPServer(Application(
         [('/', _Start, shared), ('/shown', _Shown, shared), ('/act', _Act, shared),

@@ -175,7 +175,7 @@ REFUSALS = [
     (1, 'check good.mcap --urdf other.urdf', 'has no joint'),
     (1, 'workbench good.mcap none.mcap --no-browser', 'no such recording: none.mcap'),
     (1, 'workbench good.mcap --model none.json --port 0 --no-browser', 'none.json'),
-    (1, 'workbench good.mcap --host 256.1.1.1 --port 0 --no-browser', '--port')]
+    (1, 'workbench good.mcap --host 256.1.1.1 --port 0 --no-browser', 'cannot serve on 256.1.1.1')]
 
 
 @pytest.mark.parametrize(('status', 'call', 'message'), REFUSALS, ids=[x[1] for x in REFUSALS])
