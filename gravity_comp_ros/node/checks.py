@@ -27,7 +27,6 @@ NO_FAULT, WITHIN_LIMITS = 'no fault explains it better', 'within the payload lim
 BODY_PRESENT, IN_EACH_PART = 'a body is present', 'in each part of the window'
 NO_PUSH, NOT_VARYING = 'no push in another direction', 'no varying force'
 NO_FACT = 'no fact against the samples'
-LASTS = 'lasts long enough'
 PREDICTS, BETTER_THAN_PREVIOUS = 'predicts new samples', 'better than the previous model'
 # Checks that fail where the effort is faulty.
 FAULTS = (NO_FACT, GRAVITY_PRESENT, JOINTS_AGREE, BODY_EXPLAINS, NO_FAULT, WITHIN_LIMITS)

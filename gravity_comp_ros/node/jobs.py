@@ -97,8 +97,6 @@ def run_payload_test(job: Job) -> PayloadResult:
     present, other = acceptance.suspicion_checks(tables[0])
     other = [*acceptance.body_checks(tables, (tables[0].push(), tables[0].varying())), *other]
     seconds, residual = samples.t[-1] - samples.t[0], rms(change)
-    lasts = Check(checks.LASTS, seconds, job.settings.suspect_after, True,
-                  'the change has not lasted long enough')
     k = int(np.argmax(residual / noise))
     figures = (f'residual of {samples.names[k]} {residual[k]:.3g} N·m, noise of the training '
                f'{noise[k]:.3g}, {len(samples)} samples in {seconds:.1f} s')
@@ -123,8 +121,7 @@ def run_payload_test(job: Job) -> PayloadResult:
     else:
         text = (f'another payload is suspected: {what} on the last link explains at least '
                 f'{present[1].statistic:.0%} of each third of the samples')
-        text = text if lasts.passed else f'no payload is suspected yet: {lasts.text}'
-    return PayloadResult(f'{text}; {figures}', (*present, *other, lasts), values, is_other)
+    return PayloadResult(f'{text}; {figures}', (*present, *other), values, is_other)
 
 
 def run_fit(job: Job) -> FitResult:

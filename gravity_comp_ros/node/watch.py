@@ -41,7 +41,7 @@ class Watch:
 
     A model is confirmed once it has predicted as many new samples as it was trained on.
 
-    :param min_duration: duration in s of a change before it counts as a payload.
+    :param min_duration: shortest duration in s of a window for a payload test.
     """
 
     def __init__(self, names: tuple[str, ...], min_duration: float) -> None:
@@ -155,10 +155,9 @@ class Watch:
         t, count = [row.reading.t for row in self._rows], len(large)
         if count < MIN_WINDOW or not large[-1]:
             return []
-        enough = next((length for length in range(MIN_WINDOW, count + 1) if large[-length]
-                       and t[-1] - t[-length] >= self._min_duration), count + 1)
-        lengths = {min(count, MAX_WINDOW), MIN_WINDOW,
-                   *(math.ceil(factor * enough) for factor in NODE.lengths)}
-        return [length for length in sorted(lengths, reverse=True) if length <= count
+        shortest = next((length for length in range(MIN_WINDOW, count + 1) if large[-length]
+                         and t[-1] - t[-length] >= self._min_duration), count + 1)
+        return [length for factor in NODE.lengths
+                if (length := math.ceil(factor * shortest)) <= count
                 and all(part.mean() >= CHECKS.min_large
                         for part in np.array_split(large[-length:], NODE.parts))]

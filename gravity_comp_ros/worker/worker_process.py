@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+import math
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 import os
@@ -156,11 +157,9 @@ def _started(command: Sequence[str], pipe: Connection) -> subprocess.Popen[bytes
 
 
 STARTING, READY, BUSY, DOWN = 'starting', 'ready', 'fitting', 'down'
-# Time after which a process that is not ready is killed, s.
-START_TIMEOUT = 60.0
-# Delay of the start after a loss, s. It doubles with each loss up to the maximum, so that a
-# process that dies as it starts does not occupy the machine.
-FIRST_DELAY, MAX_DELAY = 0.5, 30.0
+# Shortest timeout of the start of a process, and delay of the start after a loss, s: a process that
+# dies as it starts must not occupy the machine.
+START_TIMEOUT, RESTART_DELAY = 60.0, 2.0
 
 
 class Supervised:
@@ -175,12 +174,9 @@ class Supervised:
 
     def __init__(self, command: Sequence[str], timeout: float) -> None:
         self.timeout, self.restarts, self.last_loss = timeout, 0, ''
-        self.state, self.job = DOWN, None
         self._command = tuple(command)
         self._worker: WorkerProcess | None = None
-        self._since = 0.0
-        self._delay = FIRST_DELAY
-        self._start_at = 0.0
+        self._enter(DOWN, -math.inf)
 
     @property
     def pid(self) -> int | None:
@@ -199,7 +195,7 @@ class Supervised:
         """
         if self.state != READY or self._worker is None:
             return False
-        self.job, self.state, self._since = job, BUSY, now
+        self._enter(BUSY, now, job)
         self._worker.send(make)
         return True
 
@@ -210,40 +206,39 @@ class Supervised:
         The job is None where the process was lost without one.
         """
         if self._worker is None:
-            if now >= self._start_at:
-                self.state, self._since = STARTING, now
+            if self.seconds(now) >= RESTART_DELAY:
+                self._enter(STARTING, now)
                 self._worker = WorkerProcess(self._command)
             return []
         events: list[tuple[Any, Any]] = []
         for message in self._worker.messages():
             if isinstance(message, Failed) and message.is_lost:
-                return [*events, self._lose(f'the fit process {message.reason}', now)]
+                return [*events, self._lose(message.reason, now)]
             if isinstance(message, (Done, Failed)):
                 events.append((self.job, message.answer if isinstance(message, Done) else message))
             if not isinstance(message, Progress):
-                self._delay = FIRST_DELAY
-                self.job, self.state, self._since = None, READY, now
-        waited = self.seconds(now)
-        if self.state == BUSY and waited > self.timeout:
-            events.append(self._lose(f'the fit hung: no result after {waited:.1f} s; its process '
-                                     'was killed', now))
-        elif self.state == STARTING and waited > START_TIMEOUT:
+                self._enter(READY, now)
+        limit = max(self.timeout, START_TIMEOUT * (self.state == STARTING))
+        if self.state != READY and self.seconds(now) > limit:
             events.append(self._lose(
-                f'the fit process did not start within {START_TIMEOUT:g} s', now))
+                f'hung and was killed: no answer after {self.seconds(now):.1f} s', now))
         return events
 
     def stop(self) -> None:
-        """End the process."""
-        self._end(float('inf'))
+        """End the process; none is started again."""
+        self._end(math.inf)
 
     def _lose(self, reason: str, now: float) -> tuple[Any, Failed]:
-        job = self.job
-        self._end(now + self._delay)
-        self.restarts, self.last_loss, self._since = self.restarts + 1, reason, now
-        self._delay = min(2 * self._delay, MAX_DELAY)
-        return job, Failed(reason, is_lost=True)
+        job, self.restarts = self.job, self.restarts + 1
+        self.last_loss = f'the fit process {reason}'
+        self._end(now)
+        return job, Failed(self.last_loss, is_lost=True)
 
-    def _end(self, start_at: float) -> None:
+    def _end(self, now: float) -> None:
         if self._worker is not None:
             self._worker.end()
-        self._worker, self.state, self.job, self._start_at = None, DOWN, None, start_at
+        self._worker = None
+        self._enter(DOWN, now)
+
+    def _enter(self, state: str, now: float, job: Any = None) -> None:
+        self.state, self._since, self.job = state, now, job

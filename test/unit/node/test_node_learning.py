@@ -112,7 +112,7 @@ def test_the_last_fit_closes_an_epoch_unless_there_is_no_model_yet(live, model_f
 
 
 @pytest.mark.parametrize('number, timeout, is_diagnosis, reason', [
-    (signal.SIGKILL, 60.0, False, 'died (signal 9)'), (signal.SIGSTOP, 0.3, False, 'the fit hung'),
+    (signal.SIGKILL, 60.0, False, 'died (signal 9)'), (signal.SIGSTOP, 0.3, False, 'hung and was killed'),
     (signal.SIGKILL, 60.0, True, 'died (signal 9)')])
 def test_a_lost_fit_process_is_reported_and_restarted(live, model_file, number, timeout,
                                                       is_diagnosis, reason):
