@@ -8,7 +8,7 @@ import time
 
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.node.checks import FIT
-from gravity_comp_ros.node.epoch import DELAYS, Rows, SlowSample
+from gravity_comp_ros.node.epoch import Rows, SlowSample
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
@@ -66,7 +66,7 @@ def joint_state(names, t, q, qd=(), tau=()):
 
 def slow_sample(t, q, qd, tau, sent=float('nan')):
     """Return a slow sample before which the same torque was published at all joints, N·m."""
-    return SlowSample(CompleteReading(t, q, qd, tau), np.full((len(DELAYS), len(q)), sent))
+    return SlowSample(CompleteReading(t, q, qd, tau), np.full((2, len(q)), sent))
 
 
 def rows_of(train, held_out):

@@ -15,7 +15,7 @@ from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.checks import FIT, Job
-from gravity_comp_ros.node.epoch import DELAYS, Epoch, rows_of, SlowSample
+from gravity_comp_ros.node.epoch import Epoch, rows_of, SlowSample
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
@@ -66,7 +66,7 @@ def recorded(kind: str, seed: int, seconds: float, start: float, payload: Payloa
 def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> Job:
     """Return the fit job that the node submits for these samples."""
     epoch = Epoch(1, case.samples.names, Parameters(sample_rate=RATE), base)
-    none = np.full((len(DELAYS), case.samples.n_joints), np.nan)
+    none = np.full((2, case.samples.n_joints), np.nan)
     for row in zip(case.samples.t, case.samples.q, case.samples.qd, case.samples.tau):
         epoch.offer(SlowSample(CompleteReading(*row), none))
     return Job(FIT, rows_of(epoch.snapshot()), base, base, geometry=geometry)

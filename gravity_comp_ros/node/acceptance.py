@@ -30,7 +30,7 @@ from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check, Job
-from gravity_comp_ros.node.epoch import DELAYS, FULL_FIT_SAMPLES, REST_SPEED, Rows
+from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, REST_SPEED, Rows
 from gravity_comp_ros.node.hypotheses import Explanation, Hypotheses, moving, moving_rms
 from gravity_comp_ros.node.options import CHECKS, NODE
 import numpy as np
@@ -352,17 +352,16 @@ def not_output(rows: Rows, new: Candidate, has_new_effects: bool = False) -> Che
             np.sqrt((rows.sent[known] ** 2).mean())) < CHECKS.min_published:
         return None
     torque, tau, qd = rows.sent[known], rows.samples.tau[known], rows.samples.qd[known]
-    errors = [tau - new.torque[known], *(tau - torque[:, k] for k in range(len(DELAYS)))]
+    errors = [tau - new.torque[known], tau - torque[:, 0], tau - torque[:, 1]]
     if not has_new_effects:
         errors = [_without_friction(error, qd) for error in errors]
     spread = torque[:, 0].std(axis=0)
     counts = spread > CHECKS.min_variation * float(spread.max(initial=0.0))
-    model, *echoes = (error[:, counts] for error in errors)
-    # A driver has any delay, so the torque is interpolated between those of the history. On a busy
-    # machine the delay of some samples differs, so the sizes are medians.
+    model, newest, oldest = (error[:, counts] for error in errors)
+    # In slow motion torque is linear in time over the largest delay. On a busy machine the delay
+    # of some samples differs, so the sizes are medians.
     echo, delay = min(
-        (_median_size((1.0 - share) * first + share * second), start + share * (end - start))
-        for first, second, start, end in zip(echoes, echoes[1:], DELAYS, DELAYS[1:])
+        (_median_size((1.0 - share) * newest + share * oldest), share * NODE.max_delay)
         for share in np.linspace(0.0, 1.0, NODE.delay_steps + 1))
     residual = _median_size(model)
     return Check(checks.NOT_OUTPUT, residual / max(echo, 1e-30), CHECKS.max_echo, text=(

@@ -24,8 +24,6 @@ from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.regression.options import EngineOptions
 import numpy as np
 
-# Possible delays of a driver from command to reported effort, s.
-DELAYS = (0.0, *NODE.delays)
 # Speed below which a joint is at rest for its friction, rad/s.
 REST_SPEED = ExternalTorqueOptions().rest_speed
 # Time over which the messages around a sample are averaged, s: that of a row of the regression.
@@ -42,8 +40,8 @@ class Rows:
     """
     The samples (M) of an epoch in order of time, with one run for each start of the clock.
 
-    `held_out` (M,) marks those that no fit uses. `sent` (M, D, N) is the torque in N·m that was
-    published before each, for `DELAYS`, NaN where there was none; None without such torques.
+    `held_out` (M,) marks those that no fit uses. `sent` (M, 2, N) has the torques in N·m that were
+    published before each (`SentTorqueHistory`), NaN for none; None without such torques.
     """
 
     samples: JointSamples
@@ -77,16 +75,17 @@ class SentTorqueHistory:
             self._sent.clear()
         self._sent.append((now, tau))
         # A message may be older than the torque published last.
-        while len(self._sent) > 1 and self._sent[1][0] < now - 2.0 * DELAYS[-1]:
+        while len(self._sent) > 1 and self._sent[1][0] < now - 2.0 * NODE.max_delay:
             self._sent.popleft()
 
     def before(self, now: float) -> FloatArray:
         """
-        Return the last torque published before now minus each of `DELAYS` (D, N); NaN for none.
+        Return the torques (2, N) published last before now and `NODE.max_delay` s ago; NaN: none.
 
         The torque published at `now` is the response to the sample and is not included.
         """
-        places = [bisect_left(self._sent, now - delay, key=itemgetter(0)) for delay in DELAYS]
+        places = [bisect_left(self._sent, t, key=itemgetter(0))
+                  for t in (now, now - NODE.max_delay)]
         return np.array([self._sent[k - 1][1] if k else self._none for k in places])
 
 
@@ -124,7 +123,7 @@ class DelayedSamples:
         self._recent.clear()
 
     def add(self, reading: CompleteReading, sent: FloatArray | None = None) -> None:
-        """Add a message, a slow sample with the torque published before it (D, N)."""
+        """Add a message, a slow sample with the torques published before it (2, N)."""
         self._recent.append(reading)
         if sent is not None:
             self._waiting.append((reading, sent))
@@ -161,7 +160,7 @@ def _mean(reading: CompleteReading, near: Sequence[CompleteReading]) -> Complete
 def rows_of(buffer: SampleBuffer) -> Rows:
     """Return the samples of a buffer with the sent torques; it takes milliseconds."""
     return Rows(buffer.samples(), buffer.held_out(),
-                buffer.extra().reshape(-1, len(DELAYS), len(buffer.names)))
+                buffer.extra().reshape(-1, 2, len(buffer.names)))
 
 
 class Epoch:
@@ -197,8 +196,7 @@ class Epoch:
         self._fitted_at = 0
         # Whether the last fit was one of all samples that the epoch requires.
         self._was_full = False
-        self._buffer = SampleBuffer(
-            self._names, NODE.capacity, len(DELAYS) * len(self._names))
+        self._buffer = SampleBuffer(self._names, NODE.capacity, 2 * len(self._names))
 
     def offer(self, sample: SlowSample) -> None:
         """Add a sample that passed the gate."""

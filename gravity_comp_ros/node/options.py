@@ -24,8 +24,8 @@ class NodeOptions:
 
     Samples of an epoch:
 
-    - `delays`, s: possible delays of a driver from command to reported effort; `delay_steps` is
-      the number of interpolated ones from each to the next.
+    - `max_delay`, s: largest delay of a driver from command to reported effort, and `delay_steps`:
+      number of delays up to it that are tried.
     - `held_out_every`: one block of samples in this many is held out from fits.
     - `growth`: of the number of samples, after which the next fit is due.
     - `capacity`: maximum number of samples, five minutes at 5 Hz; then one of each cell of poses
@@ -77,8 +77,8 @@ class NodeOptions:
     slope_factor: float = 1.5
     slope_margin: float = 0.05
     max_late: float = 0.1
-    delays: tuple[float, ...] = (0.004, 0.01, 0.02, 0.05, 0.1, 0.2)
-    delay_steps: int = 5
+    max_delay: float = 0.2
+    delay_steps: int = 100
     held_out_every: int = 4
     growth: float = 1.25
     capacity: int = 1500
