@@ -214,24 +214,23 @@ def _fault_of(measured: FloatArray, expected: FloatArray) -> str:
     return 'measures the torque of another joint, or has a wrong gain'
 
 
-def suspicion_checks(table: Hypotheses) -> tuple[list[Check], list[Check]]:
+def suspicion_checks(tables: Sequence[Hypotheses]) -> list[Check]:
     """
     Return the checks of a window for a payload that was not announced.
 
-    :return: those that a body is present, then those that it is no other force.
+    The first is that a body is present, the last two that it is no other force.
+
+    :param tables: those of the window (`Window.tables`).
     """
-    t, body = table.window.samples.t, table.carried.log_evidence
-    parts = table.explained(np.arange(len(t)) * NODE.parts // len(t)
-                            == np.arange(NODE.parts)[:, None])
-    present = [
+    table = tables[0]
+    body, push, varying = table.carried.log_evidence, table.push(), table.varying()
+    return [
         Check(checks.BODY_PRESENT, body - table.explain().log_evidence, CHECKS.min_body, True),
-        Check(checks.IN_EACH_PART, parts, CHECKS.min_part, True)]
-    other = [
-        Check(checks.NO_PUSH, body - table.push().log_evidence, CHECKS.min_over_push, True,
+        *body_checks(tables, (push, varying)),
+        Check(checks.NO_PUSH, body - push.log_evidence, CHECKS.min_over_push, True,
               'something pushes or pulls the last link, not only downwards'),
-        Check(checks.NOT_VARYING, body - table.varying().log_evidence, CHECKS.margin,
-              True, 'a varying force acts on the last link')]
-    return present, other
+        Check(checks.NOT_VARYING, body - varying.log_evidence, CHECKS.margin, True,
+              'a varying force acts on the last link')]
 
 
 @dataclass(frozen=True, eq=False)

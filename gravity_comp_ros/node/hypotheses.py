@@ -258,14 +258,6 @@ class Hypotheses:
         return joint, np.asarray(self.before[:, joint] + self._sigma[joint]
                                  * bodies[joint][joints[joint]])
 
-    def explained(self, parts: Sequence[BoolArray]) -> float:
-        """Return the smallest share of the squared residual of a part (M,) that the rest fits."""
-        def share(here: BoolArray) -> float:
-            error, r = (self._r - self._body_without(here))[here], self._r[here]
-            return 1.0 - float(error @ error) / max(float(r @ r), 1e-30)
-
-        return min(share(np.tile(part, self._n)) for part in parts)
-
     def _body_without(self, here: BoolArray) -> FloatArray:
         """Return the torque (N·M,), whitened, of a body fitted to all rows but those of a mask."""
         design = np.concatenate((self._body, self._loaded))

@@ -94,8 +94,8 @@ def run_payload_test(job: Job) -> PayloadResult:
     tables = Window(gravity, friction, model, chain, noise,
                     reference_noise(expected_residual(model), gravity, change), job.settings,
                     axes_under(chain, job.geometry)).tables()
-    present, other = acceptance.suspicion_checks(tables[0])
-    other = [*acceptance.body_checks(tables, (tables[0].push(), tables[0].varying())), *other]
+    judged = acceptance.suspicion_checks(tables)
+    present, *other = judged
     seconds, residual = samples.t[-1] - samples.t[0], rms(change)
     k = int(np.argmax(residual / noise))
     figures = (f'residual of {samples.names[k]} {residual[k]:.3g} N·m, noise of the training '
@@ -103,7 +103,7 @@ def run_payload_test(job: Job) -> PayloadResult:
     values = {'joint': samples.names[k], 'residual [Nm]': f'{residual[k]:.3g}',
               'noise of the training [Nm]': f'{noise[k]:.3g}', 'samples': str(len(samples)),
               'from [s]': f'{samples.t[0]:.3f}', 'to [s]': f'{samples.t[-1]:.3f}',
-              'log evidence': f'{present[0].statistic:.1f}'}
+              'log evidence': f'{present.statistic:.1f}'}
     what = 'a body'
     if (body := tables[0].body()) is not None:
         what = f'a change of {body[0]:.3g} kg'
@@ -113,15 +113,14 @@ def run_payload_test(job: Job) -> PayloadResult:
     ambiguous = any(0.0 <= check.statistic < check.limit for check in other
                     if check.name in (checks.NO_PUSH, checks.NOT_VARYING))
     refusal, is_other = checks.failed(other), False
-    if checks.failed(present) is not None or ambiguous:
+    if not present.passed or ambiguous:
         text = 'no payload is suspected'
     elif refusal is not None:
         text, is_other = ('the effort has changed in a way that no payload explains: '
                           f'{refusal.text}'), True
     else:
-        text = (f'another payload is suspected: {what} on the last link explains at least '
-                f'{present[1].statistic:.0%} of each third of the samples')
-    return PayloadResult(f'{text}; {figures}', (*present, *other), values, is_other)
+        text = f'another payload is suspected: {what} on the last link explains the effort'
+    return PayloadResult(f'{text}; {figures}', tuple(judged), values, is_other)
 
 
 def run_fit(job: Job) -> FitResult:

@@ -143,7 +143,6 @@ class CheckOptions:
     - `min_body`: log evidence of a body over none for a suspicion, odds of 5e8 to 1.
     - `min_over_push`: log evidence of a body over a push. Payloads of 0.5 to 5 kg had 11 to 54 in
       six seconds of motion.
-    - `min_part`: share of the squared residual of each third of the window that the rest predicts.
     - `full_fit_margin`, `sparse_margin`: fraction by which a full fit must have a smaller held-out
       error than the change of the old model, and a potential than a chain. On about thirty
       samples a model that was wrong at other poses was better by a tenth.
@@ -185,7 +184,6 @@ class CheckOptions:
     max_echo: float = 0.9
     min_body: float = 20.0
     min_over_push: float = 10.0
-    min_part: float = 0.6
     full_fit_margin: float = 0.25
     sparse_margin: float = 0.1
     new_effects: float = 2.0
