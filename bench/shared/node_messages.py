@@ -12,7 +12,7 @@ from gravity_comp_ros.node.epoch import Rows, SlowSample
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.worker.worker_process import READY, Supervised
+from gravity_comp_ros.worker.worker_process import Worker
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -21,13 +21,12 @@ class Nodes:
     """
     Makes nodes without ROS, one after the other.
 
-    A fit process that is ready is kept for the next node, as its start takes a second of
-    processor time.
+    A fit process is kept for the next node, as its start takes a second of processor time.
     """
 
     def __init__(self) -> None:
         self._open: list[NodeCore] = []
-        self._ready: Supervised | None = None
+        self._ready: Worker | None = None
 
     def make(self, **settings) -> NodeCore:
         """Return a node with these parameters."""
@@ -36,7 +35,6 @@ class Nodes:
             node.fits, self._ready = self._ready, None
             if node.learner is not None:
                 node.learner.fits = node.fits
-            node.fits.timeout = node.settings.fit_timeout
         self._open.append(node)
         return node
 
@@ -44,15 +42,15 @@ class Nodes:
         """Close the nodes, and keep the process of one of them."""
         for node in self._open:
             fits = node.fits
-            if self._ready is None and fits.state == READY and not fits.restarts:
-                self._ready, node.fits = fits, Supervised((), 1.0)
+            if self._ready is None and fits.pid is not None and fits.job is None:
+                self._ready, node.fits = fits, Worker('', 0)
             node.close()
         self._open.clear()
 
     def end(self) -> None:
         """End the process that was kept."""
         if self._ready is not None:
-            self._ready.stop()
+            self._ready.rest()
 
 
 def joint_state(names, t, q, qd=(), tau=()):
@@ -95,7 +93,7 @@ def play(node, samples, start=1.0):
 
 def refit(node):
     """Request a fit of a `NodeCore`, and wait for it; return the reply."""
-    until(node, lambda: node.fits.state == 'ready')
+    until(node, lambda: node.fits.job is None)
     replies = []
     node.learner.request(FIT, time.monotonic(), lambda *reply: replies.append(reply))
     until(node, lambda: replies)

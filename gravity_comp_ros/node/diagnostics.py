@@ -13,7 +13,6 @@ from gravity_comp_ros.node.messages import FAULTS, REPLACED
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.options import CHECKS, NODE
 from gravity_comp_ros.node.watch import Watch
-from gravity_comp_ros.worker.worker_process import BUSY, READY
 
 OK, WARN, ERROR, STALE = range(4)
 
@@ -95,15 +94,12 @@ def learning_status(learner: Learner) -> Status:
     values = {'epoch': epoch.describe(), 'samples': str(len(epoch)),
               'held out': str(epoch.n_held_out),
               'lacking range': ', '.join(epoch.short_of_range()) or 'none',
-              'fit process': fits.state, 'fit process id': str(fits.pid or ''),
-              'fit process restarts': str(fits.restarts), 'last fit': learner.last_fit}
+              'fit process': 'ready' if fits.job is None else 'fitting',
+              'fit process id': str(fits.pid or ''), 'last fit': learner.last_fit}
     values |= {f'gate {reason}': str(n) for reason, n in learner.arm.gate_counts.items()}
     values |= {f'check {check.name}': check.describe() for check in learner.last_checks}
-    if fits.last_loss and fits.state not in (READY, BUSY):
-        level, report = ERROR, f'{fits.last_loss}; {learner.kept}'
-    else:
-        level, report = {FINE: OK, REFUSED: WARN, FAULTY: ERROR}[learner.state], learner.report
-    text = f'{report}; {epoch.describe()}' if report else epoch.describe()
+    level = {FINE: OK, REFUSED: WARN, FAULTY: ERROR}[learner.state]
+    text = '; '.join(filter(None, (learner.report, epoch.describe())))
     return Status('learning', level, text, values)
 
 

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
-import math
-from typing import Any
 
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.checks import (
@@ -15,7 +12,7 @@ from gravity_comp_ros.node.checks import (
 from gravity_comp_ros.node.epoch import Epoch, FULL_FIT_SAMPLES, Rows, rows_of
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.watch import LEARN
-from gravity_comp_ros.worker.worker_process import Failed, READY, Supervised
+from gravity_comp_ros.worker.worker_process import Done, Failed, Worker
 import numpy as np
 
 # States of learning: nothing to report, a model that was not used, a fault.
@@ -25,15 +22,16 @@ FINE, REFUSED, FAULTY = range(3)
 @dataclass
 class Pending:
     """
-    A job that waits or runs: its kind, and the call of a service that waits for it until then, s.
+    A job without an answer: its kind, when it was requested (s), and the call that waits for it.
 
-    `origin` are epoch and model at its start. Its result is discarded if these have changed.
+    Its result is discarded if `epoch` and model have changed since.
     """
 
     kind: str
+    since: float
+    epoch: Epoch
+    entry: Entry | None
     call: Reply | None = None
-    until: float = math.inf
-    origin: tuple[Epoch, Entry | None] | None = None
 
     def reply(self, success: bool, text: str) -> None:
         """Reply to the call that waits, if there is one."""
@@ -58,7 +56,7 @@ class Events:
 class Learner:
     """Starts fits of an arm's samples, takes models into use, and rolls back wrong ones."""
 
-    def __init__(self, arm: Arm, models: ModelHistory, fits: Supervised, events: Events) -> None:
+    def __init__(self, arm: Arm, models: ModelHistory, fits: Worker, events: Events) -> None:
         self.arm, self.models, self.fits, self._events = arm, models, fits, events
         # The checks of the last decision about a model.
         self.last_checks: tuple[Check, ...] = ()
@@ -66,39 +64,47 @@ class Learner:
         self.last_fit = 'none'
         self.state, self.report = FINE, ''
         self.has_started = False
-        # The job of a call that has not started.
-        self._queued: Pending | None = None
 
-    def poll(self, answers: Sequence[tuple[Pending | None, Any]], now: float, wall: float) -> None:
-        """Handle jobs of the fit process that have ended, and submit the next job."""
-        for job, answer in answers:
-            if job is not None:
-                self._ended(job, answer, now)
+    def poll(self, now: float, wall: float) -> None:
+        """
+        Handle jobs of the fit process that have ended, and start the next job.
+
+        :param wall: wall-clock time in s for timeouts, where `now` is simulated time.
+        """
+        for job, message in self.fits.poll():
+            if isinstance(message, Failed):
+                self._failed(job, message)
+            elif isinstance(message, Done):
+                self._ended(job, message.answer, now)
         self._expire(wall)
         judged = self.arm.watch.model_checks()
         if judged and not any(check.passed for check in judged):
             self._events.checks.append(to_json('rollback', judged[0].text, judged))
             self.roll_back(now, judged[0].text)
-        if self.fits.state != READY:
+        if self.fits.job is not None:
             return
-        if self._queued is not None:
-            job, self._queued = self._queued, None
-            if (missing := self.arm.epoch.missing_for_fit()) is None:
-                self._submit(wall, job)
-            else:
-                # The payload has changed since the call.
-                job.reply(False, missing)
-        elif self._is_tested() and self.arm.watch.is_due():
-            self._submit(wall, Pending(PAYLOAD))
+        if self._is_tested() and self.arm.watch.is_due():
+            self._start(PAYLOAD, wall)
         elif self.arm.settings.auto_fit and self.arm.epoch.fit_is_due():
-            self._submit(wall, Pending(FIT))
+            self._start(FIT, wall)
 
-    def _submit(self, wall: float, pending: Pending) -> None:
-        """Submit a job; another thread prepares its samples."""
-        arm, kind = self.arm, pending.kind
+    def request(self, kind: str, wall: float, reply: Reply) -> None:
+        """Start a job of this kind; `reply` is called once, now or at its end."""
+        running = next((job for job in self.fits.jobs if job.kind != PAYLOAD), None)
+        if running is not None:
+            reply(False, f'a fit is running already ({wall - running.since:.1f} s); its result '
+                  'will be in /diagnostics')
+        elif (missing := self.arm.epoch.missing_for_fit()) is not None:
+            reply(False, missing)
+        else:
+            self._start(kind, wall, reply)
+
+    def _start(self, kind: str, wall: float, call: Reply | None = None) -> None:
+        """Start a job; another thread prepares its samples."""
+        arm = self.arm
         job = partial(Job, kind, model=self.models.model, base=arm.epoch.base,
                       settings=arm.settings, geometry=arm.described.geometry,
-                      on_request=pending.call is not None)
+                      on_request=call is not None)
         if kind == PAYLOAD:
             window = arm.watch.window()
             rows = partial(Rows, window, np.zeros(len(window), dtype=bool))
@@ -107,8 +113,8 @@ class Learner:
         if kind == FIT:
             arm.epoch.fit_started()
         self.has_started = True
-        pending.origin = arm.epoch, self.models.entry
-        self.fits.submit(pending, wall, lambda: job(rows()))
+        self.fits.start(Pending(kind, wall, arm.epoch, self.models.entry, call),
+                        lambda: job(rows()))
 
     def _is_tested(self) -> bool:
         """Return whether the model in use is confirmed and of the present payload."""
@@ -116,13 +122,11 @@ class Learner:
         return entry is not None and self.arm.watch.is_confirmed and (
             not epoch.is_open or entry.epoch == epoch.number)
 
-    def _ended(self, job: Pending, answer: Failed | Result, now: float) -> None:
-        """Handle the result or failure of a job."""
-        if isinstance(answer, Failed):
-            self._failed(job, answer)
-        elif isinstance(answer, str):
+    def _ended(self, job: Pending, answer: Result, now: float) -> None:
+        """Handle the result of a job."""
+        if isinstance(answer, str):
             job.reply(True, answer)
-        elif job.origin != (self.arm.epoch, self.models.entry):
+        elif job.epoch is not self.arm.epoch or job.entry is not self.models.entry:
             job.reply(False, 'payload_changed or rollback was called during the fit; its result '
                       'was discarded')
         elif isinstance(answer, FitResult):
@@ -141,6 +145,9 @@ class Learner:
             self.last_fit = f'failed: {failure.reason}'
             if failure.is_lost or job.call is None:
                 self.state, self.report = FAULTY, text
+        elif job.kind == PAYLOAD:
+            # The next test needs a whole window, so that a process that dies is rarely started.
+            self.arm.watch.restart()
         job.reply(False, text)
         self._events.log.append((True, text))
 
@@ -174,17 +181,16 @@ class Learner:
             f'{result.seconds:.2f} s: {result.reason}')
         self.last_checks = result.checks
         text = f'{"new model in use" if result.accepted else self.kept}: {fit}'
-        if result.accepted:
-            self.state, self.report = (REFUSED, f'samples left out as outliers: {outliers} (an '
-                                       'intermittent brake, or a contact with the arm)'
-                                       ) if outliers else (FINE, '')
-            self._use(result, now)
-        elif result.has_no_gravity:
-            self.state, self.report = REFUSED, fit
-        elif result.fault:
+        self.state, self.report = FINE, ''
+        if result.fault and not result.has_no_gravity:
             self.state, self.report = FAULTY, f'broken effort: {fit}'
-        else:
-            self.state, self.report = REFUSED, f'old model kept: {fit}'
+        elif not result.accepted:
+            self.state, self.report = REFUSED, text
+        elif outliers:
+            self.state, self.report = REFUSED, (f'samples left out as outliers: {outliers} (an '
+                                                'intermittent brake, or a contact with the arm)')
+        if result.accepted:
+            self._use(result, now)
         job.reply(result.accepted, text)
         figures = '; '.join(check.describe() for check in result.checks)
         self._events.log.append((not result.accepted, f'{text} [{figures}]'))
@@ -253,31 +259,20 @@ class Learner:
                       f'{len(self.models.past)} earlier payloads remain; no fit until '
                       'payload_changed or refit is called')
 
-    def request(self, kind: str, wall: float, reply: Reply) -> None:
-        """Queue a job of this kind; `reply` is called once, now or at its end."""
-        job = self.fits.job
-        if self._queued is not None or (job is not None and job.kind != PAYLOAD):
-            reply(False, f'a fit is running already ({self.fits.seconds(wall):.1f} s); its '
-                  'result will be in /diagnostics')
-        elif (missing := self.arm.epoch.missing_for_fit()) is not None:
-            reply(False, missing)
-        else:
-            self.has_started = True
-            self._queued = Pending(kind, reply, wall + self.arm.settings.refit_timeout)
-
     def _expire(self, wall: float) -> None:
-        """Reply to calls past their deadline."""
-        queued, running = self._queued, self.fits.job
-        if queued is not None and wall > queued.until:
-            self._queued = None
-            queued.reply(False, f'the fit process is {self.fits.state}: '
-                         f'{self.fits.last_loss or "no fit has started"}; try again')
-        if running is not None and wall > running.until:
-            running.reply(False, 'the fit is still running; its result will be in /diagnostics')
+        """Reply to calls past their deadline; end a job that hangs."""
+        settings = self.arm.settings
+        for job in self.fits.jobs:
+            if wall - job.since > settings.refit_timeout:
+                job.reply(False, 'the fit is still running; its result will be in /diagnostics')
+        jobs = self.fits.jobs
+        if jobs and (waited := wall - jobs[0].since) > settings.fit_timeout:
+            self.fits.cancel()
+            for job in jobs:
+                self._failed(job, Failed(f'the fit hung: no result after {waited:.1f} s; its '
+                                         'process was killed', is_lost=True))
 
     def close(self) -> None:
         """Reply to pending calls."""
-        for job in (self._queued, self.fits.job):
-            if job is not None:
-                job.reply(False, 'the node shuts down')
-        self._queued = None
+        for job in self.fits.jobs:
+            job.reply(False, 'the node shuts down')

@@ -128,7 +128,7 @@ class GravityCompNode(LifecycleNode):
         return not self._clock_is_simulated or self.get_clock().now().nanoseconds > 0
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the model file and create topics; the first tick starts the fit process."""
+        """Load the model file and create topics."""
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
         try:

@@ -15,7 +15,7 @@ from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
-from gravity_comp_ros.worker.worker_process import command, Supervised
+from gravity_comp_ros.worker.worker_process import Worker
 
 # Difference of the times of arrival of two messages that were taken at once, s.
 _ORDER = 1e-6
@@ -35,8 +35,7 @@ class NodeCore:
         self._topic = topic
         self.events = Events()
         self.models = ModelHistory(settings.model_file)
-        self.fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', NODE.niceness),
-                               settings.fit_timeout)
+        self.fits = Worker('gravity_comp_ros.node.jobs:fitting', NODE.niceness)
         self.learner: Learner | None = None
         self._description = ''
         # Whether the joint names are those of the first message, which may be of a gripper.
@@ -60,7 +59,6 @@ class NodeCore:
     def set(self, settings: Parameters) -> None:
         """Use changed settings from now on; they have been checked."""
         self.settings = settings
-        self.fits.timeout = settings.fit_timeout
         if self.arm is not None:
             self.arm.set(self.settings)
 
@@ -171,18 +169,16 @@ class NodeCore:
         :param wall: wall-clock time in s for timeouts of fits and calls, where `now` is
             simulated time, which pauses and jumps.
         """
-        wall = now if wall is None else wall
-        answers = self.fits.poll(wall)
         if self.learner is None:
             return None
-        self.learner.poll(answers, now, wall)
+        self.learner.poll(now, now if wall is None else wall)
         return self.learner.arm.watchdog(now)
 
     def close(self) -> None:
         """End the fit process, reply to pending calls, and finish pending saves."""
         if self.learner is not None:
             self.learner.close()
-        self.fits.stop()
+        self.fits.rest()
         self.models.close()
 
     def statuses(self, now: float) -> list[diagnostics.Status]:

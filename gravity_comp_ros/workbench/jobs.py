@@ -27,8 +27,7 @@ from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.workbench.store import Choice
 from gravity_comp_ros.worker.serve import ProgressCallback
-from gravity_comp_ros.worker.worker_process import (
-    command, Done, Failed, Progress, Ready, WorkerProcess)
+from gravity_comp_ros.worker.worker_process import Worker
 import numpy as np
 
 
@@ -167,49 +166,6 @@ def _learned(recording: Recording, job: Job, progress: ProgressCallback) -> Lear
         result.result, model=replace(result.model, provenance=provenance)))
 
 
-_NICENESS = 5
-
-
-class Worker:
-    """Runs jobs in a separate process; no method blocks."""
-
-    def __init__(self) -> None:
-        self.job: Job | None = None
-        self._process: WorkerProcess | None = None
-
-    @property
-    def pid(self) -> int | None:
-        """The process id; None without a process."""
-        return None if self._process is None else self._process.pid
-
-    def start(self, job: Job) -> None:
-        """Start a job; `poll` returns its messages."""
-        self.job = job
-        if self._process is None:
-            self._process = WorkerProcess(command(f'{__name__}:{JobRunner.__name__}', _NICENESS))
-        self._process.send(lambda: job)
-
-    def cancel(self) -> None:
-        """End the running job without a message."""
-        if self.job is not None:
-            self.rest()
-
-    def rest(self) -> None:
-        """End the process; the next job starts a new one."""
-        if self._process is not None:
-            self._process.end()
-        self.job = self._process = None
-
-    def poll(self) -> list[tuple[Job, Progress | Done | Failed]]:
-        """Return the messages since the last call, each with its job."""
-        pairs: list[tuple[Job, Progress | Done | Failed]] = []
-        for message in self._process.messages() if self._process else ():
-            job = self.job
-            if isinstance(message, Failed) and message.is_lost:
-                self.rest()
-                message = Failed(f'the worker process {message.reason}; out of memory?')
-            elif isinstance(message, (Done, Failed)):
-                self.job = None
-            if job is not None and not isinstance(message, Ready):
-                pairs.append((job, message))
-        return pairs
+def new_worker() -> Worker:
+    """Return a worker for the jobs of a session."""
+    return Worker(f'{__name__}:{JobRunner.__name__}', 5)

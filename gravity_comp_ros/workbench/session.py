@@ -26,9 +26,9 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.recordings.read_options import BY_JOINT
 from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.jobs import Answer, Job, ReadResult, Step, Worker
+from gravity_comp_ros.workbench.jobs import Answer, Job, new_worker, ReadResult, Step
 from gravity_comp_ros.workbench.store import Choice, Stage, State
-from gravity_comp_ros.worker.worker_process import Failed, Progress
+from gravity_comp_ros.worker.worker_process import Failed, Progress, Worker
 
 
 class Session(State):
@@ -311,7 +311,7 @@ class Sessions:
     """
 
     def __init__(self, start: State, place: Path | None,
-                 new_worker: Callable[[], Worker] = Worker) -> None:
+                 new_worker: Callable[[], Worker] = new_worker) -> None:
         self._start, self.place, self._new_worker = start, place, new_worker
         self.open: dict[str, Session] = {}
         self._temporary: TemporaryDirectory[str] | None = None

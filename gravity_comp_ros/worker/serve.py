@@ -18,7 +18,7 @@ from time import sleep
 from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.worker.worker_process import Done, Failed, Progress, Ready
+from gravity_comp_ros.worker.worker_process import Done, Failed, Progress
 
 # Progress of a job: its stage as text, and a share from 0 to 1.
 ProgressCallback = Callable[[str, float], None]
@@ -33,7 +33,6 @@ def serve(connection: Connection, work: Work) -> None:
     def report(stage: str, share: float) -> None:
         connection.send(Progress(stage, share))
 
-    connection.send(Ready())
     while True:
         try:
             job = connection.recv()

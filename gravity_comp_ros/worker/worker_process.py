@@ -8,10 +8,10 @@ message.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-import math
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 import os
@@ -20,11 +20,6 @@ import subprocess
 import sys
 from threading import Thread
 from typing import Any
-
-
-@dataclass(frozen=True)
-class Ready:
-    """The process has imported its modules and accepts jobs."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +45,7 @@ class Failed:
     is_lost: bool = False
 
 
-Message = Ready | Progress | Done | Failed
+Message = Progress | Done | Failed
 
 
 def command(task: str, niceness: int) -> tuple[str, ...]:
@@ -64,9 +59,7 @@ def command(task: str, niceness: int) -> tuple[str, ...]:
 
 class WorkerProcess:
     """
-    A worker process, which keeps running between jobs and ends with its parent process.
-
-    It starts at once; it accepts jobs after `Ready`.
+    A worker process, which starts at once, keeps running between jobs and ends with its parent.
 
     :param command: the command line; the descriptor of the pipe is appended.
     """
@@ -108,7 +101,8 @@ class WorkerProcess:
         try:
             self._process = process = _started(command, theirs)
         except OSError as problem:
-            self._received.put(Failed(f'cannot be started: {problem.strerror}', True))
+            self._received.put(Failed(
+                f'the worker process cannot be started: {problem.strerror}', True))
             return
         finally:
             theirs.close()
@@ -121,10 +115,10 @@ class WorkerProcess:
         try:
             # On a busy machine a process ends some time after its pipe.
             code = process.wait(timeout=2.0)
-            how = f'signal {-code}' if code < 0 else f'exit code {code}'
+            how = f'signal {-code}; out of memory?' if code < 0 else f'exit code {code}'
         except subprocess.TimeoutExpired:
             how = 'it closed its pipe'
-        self._received.put(Failed(f'died ({how})', True))
+        self._received.put(Failed(f'the worker process died ({how})', True))
         process.wait()
 
     def _send(self, make_job: Callable[[], Any]) -> None:
@@ -156,89 +150,77 @@ def _started(command: Sequence[str], pipe: Connection) -> subprocess.Popen[bytes
         env=environment, start_new_session=True)
 
 
-STARTING, READY, BUSY, DOWN = 'starting', 'ready', 'fitting', 'down'
-# Shortest timeout of the start of a process, and delay of the start after a loss, s: a process that
-# dies as it starts must not occupy the machine.
-START_TIMEOUT, RESTART_DELAY = 60.0, 2.0
-
-
-class Supervised:
+class Worker:
     """
-    One job at a time in a separate process. No method blocks; the caller passes the time in s.
+    Does jobs one after the other in a separate process; no method blocks.
 
-    `job` is the running one, `last_loss` the reason of the last loss of the process.
+    The process starts with the first job, and with the next one after it was lost or ended.
 
-    :param command: command of the process (`worker_process.command`).
-    :param timeout: time after which a job counts as hanging, s.
+    :param task: 'MODULE:FACTORY'; the factory returns the job function (`serve.Work`).
+    :param niceness: minimum nice value of the process.
     """
 
-    def __init__(self, command: Sequence[str], timeout: float) -> None:
-        self.timeout, self.restarts, self.last_loss = timeout, 0, ''
-        self._command = tuple(command)
-        self._worker: WorkerProcess | None = None
-        self._enter(DOWN, -math.inf)
+    def __init__(self, task: str, niceness: int) -> None:
+        self._command = command(task, niceness)
+        self._process: WorkerProcess | None = None
+        # Jobs without an answer, the running one first, and what makes the object to send.
+        self._jobs: deque[tuple[Any, Callable[[], Any]]] = deque()
+
+    @property
+    def jobs(self) -> list[Any]:
+        """The jobs without an answer, the running one first."""
+        return [job for job, _ in self._jobs]
+
+    @property
+    def job(self) -> Any:
+        """The running job, None without one."""
+        return self._jobs[0][0] if self._jobs else None
 
     @property
     def pid(self) -> int | None:
         """The process id, None while there is no process."""
-        return None if self._worker is None else self._worker.pid
+        return None if self._process is None else self._process.pid
 
-    def seconds(self, now: float) -> float:
-        """Return the duration of the present state in s."""
-        return now - self._since
-
-    def submit(self, job: Any, now: float, make: Callable[[], Any]) -> bool:
+    def start(self, job: Any, make: Callable[[], Any] | None = None) -> None:
         """
-        Send what `make` returns to the process; return False if it is not ready.
+        Start a job, after those before it; `poll` returns its messages.
 
-        Another thread calls `make`. `poll` returns the `job` with the result.
+        :param make: returns what is sent to the process instead of the job, in another thread.
         """
-        if self.state != READY or self._worker is None:
-            return False
-        self._enter(BUSY, now, job)
-        self._worker.send(make)
-        return True
+        self._jobs.append((job, make or (lambda: job)))
+        if len(self._jobs) == 1:
+            self._send()
 
-    def poll(self, now: float) -> list[tuple[Any, Any]]:
-        """
-        Return each job that has ended, with its result or `Failed`; start a missing process.
+    def cancel(self) -> None:
+        """End all jobs without a message."""
+        if self._jobs:
+            self.rest()
 
-        The job is None where the process was lost without one.
-        """
-        if self._worker is None:
-            if self.seconds(now) >= RESTART_DELAY:
-                self._enter(STARTING, now)
-                self._worker = WorkerProcess(self._command)
-            return []
-        events: list[tuple[Any, Any]] = []
-        for message in self._worker.messages():
+    def rest(self) -> None:
+        """End the process and all jobs; the next one starts another process."""
+        self._jobs.clear()
+        self._end()
+
+    def poll(self) -> list[tuple[Any, Message]]:
+        """Return the messages since the last call, each with its job."""
+        pairs: list[tuple[Any, Message]] = []
+        for message in self._process.messages() if self._process else ():
+            if self._jobs:
+                pairs.append((self.job, message))
             if isinstance(message, Failed) and message.is_lost:
-                return [*events, self._lose(message.reason, now)]
-            if isinstance(message, (Done, Failed)):
-                events.append((self.job, message.answer if isinstance(message, Done) else message))
-            if not isinstance(message, Progress):
-                self._enter(READY, now)
-        limit = max(self.timeout, START_TIMEOUT * (self.state == STARTING))
-        if self.state != READY and self.seconds(now) > limit:
-            events.append(self._lose(
-                f'hung and was killed: no answer after {self.seconds(now):.1f} s', now))
-        return events
+                self._end()
+            if self._jobs and not isinstance(message, Progress):
+                self._jobs.popleft()
+                if self._jobs:
+                    self._send()
+        return pairs
 
-    def stop(self) -> None:
-        """End the process; none is started again."""
-        self._end(math.inf)
+    def _send(self) -> None:
+        if self._process is None:
+            self._process = WorkerProcess(self._command)
+        self._process.send(self._jobs[0][1])
 
-    def _lose(self, reason: str, now: float) -> tuple[Any, Failed]:
-        job, self.restarts = self.job, self.restarts + 1
-        self.last_loss = f'the fit process {reason}'
-        self._end(now)
-        return job, Failed(self.last_loss, is_lost=True)
-
-    def _end(self, now: float) -> None:
-        if self._worker is not None:
-            self._worker.end()
-        self._worker = None
-        self._enter(DOWN, now)
-
-    def _enter(self, state: str, now: float, job: Any = None) -> None:
-        self.state, self._since, self.job = state, now, job
+    def _end(self) -> None:
+        if self._process is not None:
+            self._process.end()
+        self._process = None

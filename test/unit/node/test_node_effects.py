@@ -71,7 +71,6 @@ def model_file(tmp_path_factory):
 def node(nodes, model_file):
     node = nodes.make(model_file=str(model_file), auto_fit=False, max_age=0.0, settle_time=0.0,
                       ramp_time=0.0, max_torque_rate=(), max_torque=(50.0,), full_samples=250)
-    until(node, lambda: node.fits.state == 'ready')
     yield node
     nodes.close()
 

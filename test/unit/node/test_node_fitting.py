@@ -15,13 +15,13 @@ from bench.shared.rough_links import two_links, WIDE
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node import node as node_module
-from gravity_comp_ros.node.checks import DIAGNOSIS, FIT, FitResult, Job
+from gravity_comp_ros.node.checks import DIAGNOSIS, FIT, Job
 from gravity_comp_ros.node.epoch import Rows
 from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
 from gravity_comp_ros.node.node import GravityCompNode
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.run import InputFirstExecutor
-from gravity_comp_ros.worker.worker_process import BUSY, command, Failed, READY, Supervised
+from gravity_comp_ros.worker.worker_process import Done, Failed, Worker
 import numpy as np
 import pytest
 import rclpy
@@ -47,23 +47,25 @@ def job(train=None):
 
 
 @contextmanager
-def process(timeout=30.0):
+def process():
     # Without lower priority: on a busy machine a process of low priority starts after minutes.
-    fits = Supervised(command(FITTING, 0), timeout)
+    fits = Worker(FITTING, 0)
     try:
         yield fits
     finally:
-        fits.stop()
+        fits.rest()
 
 
-def wait(fits, condition, seconds=60.0):
-    """Poll until the condition is true; return the events."""
-    events, end = [], time.monotonic() + seconds
-    while not condition(events):
-        assert time.monotonic() < end, f'state {fits.state}: {fits.last_loss}'
-        events += fits.poll(time.monotonic())
+def answer_of(fits, job, make, seconds=60.0):
+    """Return the answer to a job."""
+    end = time.monotonic() + seconds
+    fits.start(job, make)
+    while fits.job is not None:
+        assert time.monotonic() < end, fits.jobs
+        for submitted, message in fits.poll():
+            assert submitted == job
         time.sleep(0.002)
-    return events
+    return message
 
 
 @pytest.mark.parametrize(('gains', 'kind'), [
@@ -86,55 +88,33 @@ def test_it_fits_and_stays_running():
     here = run_fit(job()).model.predict(q)
     np.testing.assert_allclose(here, [5.0, 2.0] * np.sin(q), atol=0.03)
     with process() as fits:
-        wait(fits, lambda _: fits.state == READY)
-        pid = fits.pid
         for number in (1, 2):
-            assert fits.submit(number, time.monotonic(), job) and fits.state == BUSY
-            assert not fits.submit(9, time.monotonic(), job)
-            (submitted, outcome), = wait(fits, lambda events: events)
-            assert isinstance(outcome, FitResult) and submitted == number
-            assert outcome.accepted
-            np.testing.assert_allclose(outcome.model.predict(q), here, atol=1e-9)
-        fits.submit(7, time.monotonic(), lambda: job(train=still))
-        event, = wait(fits, lambda events: events)
-        assert event == (7, Failed('no joint moves; a fit needs poses that differ'))
-        assert fits.state == READY and fits.pid == pid and fits.restarts == 0
+            message = answer_of(fits, number, job)
+            assert isinstance(message, Done) and message.answer.accepted
+            np.testing.assert_allclose(message.answer.model.predict(q), here, atol=1e-9)
+            pid = fits.pid
+        message = answer_of(fits, 7, lambda: job(train=still))
+        assert message == Failed('no joint moves; a fit needs poses that differ')
+        assert fits.pid == pid
     assert fits.pid is None
-
-
-@pytest.mark.parametrize('program, reason', [
-    ((sys.executable, '-c', 'raise SystemExit(3)'), 'exit code 3'),
-    (('/no/such/program',), 'cannot be started')])
-def test_a_process_that_does_not_start_is_restarted_with_a_delay(program, reason):
-    fits = Supervised(program, 1.0)
-    now = time.monotonic()
-    end = time.monotonic() + 20.0
-    while fits.restarts < 1:
-        assert time.monotonic() < end
-        fits.poll(now)
-    assert reason in fits.last_loss
-    for _ in range(50):
-        fits.poll(now + 0.4)
-    assert fits.restarts == 1
-    fits.stop()
 
 
 PRIORITY = """
 import os, sys, time
-from gravity_comp_ros.worker.worker_process import READY, Supervised
-from gravity_comp_ros.worker.worker_process import command
+from gravity_comp_ros.worker.worker_process import Done, Worker
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
 except PermissionError:
     sys.exit(77)
-fits = Supervised(command('gravity_comp_ros.node.jobs:fitting', 10), 30.0)
+worker, messages = Worker('bench.shared.worker_tasks:doing', 10), []
+worker.start(('done', None))
 end = time.monotonic() + 60.0
-while fits.state != READY and time.monotonic() < end:
-    fits.poll(time.monotonic())
+while not messages and time.monotonic() < end:
+    messages = [type(message) is Done for _, message in worker.poll()]
     time.sleep(0.01)
-print(fits.state, os.sched_getscheduler(0) == os.SCHED_FIFO,
-      os.sched_getscheduler(fits.pid) == os.SCHED_OTHER, os.getpriority(0, fits.pid))
-fits.stop()
+print(messages, os.sched_getscheduler(0) == os.SCHED_FIFO,
+      os.sched_getscheduler(worker.pid) == os.SCHED_OTHER, os.getpriority(0, worker.pid))
+worker.rest()
 """
 
 
@@ -143,7 +123,7 @@ def test_it_does_not_inherit_real_time_priority():
                           text=True, timeout=120)
     if done.returncode == 77:
         pytest.skip('real-time priority is for the privileged')
-    assert done.stdout.split() == ['ready', 'True', 'True', '10'], done
+    assert done.stdout.split() == ['[True]', 'True', 'True', '10'], done
 
 
 def test_a_diagnosis_names_the_motion_that_resolves_open_findings():

@@ -207,7 +207,7 @@ def play(core, samples, until):
             q = samples.q[k] + 0.1 * j * samples.qd[k]
             core.send(t, q, samples.qd[k], samples.tau[k])
         core.live.tick(t, time.monotonic())
-        while core.live.fits.state != 'ready':
+        while core.live.fits.job is not None:
             time.sleep(0.002)
             core.live.tick(t, time.monotonic())
         if until():

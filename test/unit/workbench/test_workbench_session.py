@@ -23,7 +23,7 @@ from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, wr
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.jobs import Job, Step, Worker
+from gravity_comp_ros.workbench.jobs import Job, new_worker, Step
 from gravity_comp_ros.workbench.page import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Sessions, UNUSED
@@ -384,7 +384,7 @@ def until(worker, kind):
 
 
 def test_jobs_run_in_a_process_that_can_be_cancelled_or_die(paths):
-    worker = Worker()
+    worker = new_worker()
     try:
         worker.start(Job(Step.READ, paths, Choice()))
         names = until(worker, Done).answer.samples.names

@@ -3,6 +3,7 @@
 from contextlib import contextmanager
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 from threading import get_ident
@@ -10,7 +11,7 @@ import time
 
 from bench.shared.worker_tasks import is_running, LastJob
 from gravity_comp_ros.worker.worker_process import (
-    command, Done, Failed, Progress, Ready, WorkerProcess)
+    command, Done, Failed, Progress, Worker, WorkerProcess)
 import pytest
 
 TIMEOUT = 30.0
@@ -35,11 +36,11 @@ def wait_for(worker, count):
     return received
 
 
-def test_ready_progress_and_result_are_sent_in_order():
+def test_progress_and_result_are_sent_in_order():
     with running() as worker:
         worker.send(lambda: ('sleep', 0.01))
-        ready, progress, done = wait_for(worker, 3)
-        assert (ready, progress) == (Ready(), Progress('sleeping', 0.5))
+        progress, done = wait_for(worker, 2)
+        assert progress == Progress('sleeping', 0.5)
         assert isinstance(done, Done) and done.answer == 'sleep'
     assert worker.pid is None and worker.messages() == []
 
@@ -49,16 +50,16 @@ def test_ready_progress_and_result_are_sent_in_order():
     (('break', 'q'), "internal error, please report it: KeyError: 'q'")])
 def test_a_failed_job_does_not_end_the_process(job, reason):
     with running() as worker:
-        wait_for(worker, 1)
-        pid = worker.pid
         worker.send(lambda: job)
         assert wait_for(worker, 1) == [Failed(reason)]
+        pid = worker.pid
         worker.send(lambda: ('done', None))
         assert wait_for(worker, 1)[0].answer == 'done' and worker.pid == pid
 
 
 def test_a_pipe_that_closes_while_a_job_is_sent_is_a_loss_and_no_fault_of_the_job():
     with running('bench.shared.worker_tasks:closing') as worker:
+        worker.send(lambda: ('done', None))
         wait_for(worker, 1)
         worker.send(lambda: LastJob(worker))
         # Its exit status is known only if it ends soon.
@@ -70,13 +71,12 @@ def test_sending_a_large_job_does_not_block():
     with running() as worker:
         # The process is still importing, and the pipe buffers about 64 KiB.
         worker.send(lambda: ('length', bytes(20_000_000)))
-        ready, done = wait_for(worker, 2)
-        assert ready == Ready() and done.answer == 20_000_000
+        assert wait_for(worker, 1)[0].answer == 20_000_000
 
 
 def test_a_process_that_exits_at_once_is_lost_with_its_exit_code():
     with running('bench.shared.worker_tasks:failing') as worker:
-        assert wait_for(worker, 1) == [Failed('died (exit code 4)', True)]
+        assert wait_for(worker, 1) == [Failed('the worker process died (exit code 4)', True)]
         assert worker.pid is None
 
 
@@ -86,7 +86,7 @@ def test_the_process_ends_with_its_parent_during_a_job():
                'worker = WorkerProcess(command("bench.shared.worker_tasks:doing", 0))\n'
                'worker.send(lambda: ("sleep", 600.0))\n'
                'received = []\n'
-               'while len(received) < 2:\n'
+               'while not received:\n'
                '    received += worker.messages()\n'
                '    time.sleep(0.01)\n'
                'print(worker.pid, flush=True)\n'
@@ -142,7 +142,6 @@ def read_from(worker):
 
 def test_a_job_is_prepared_in_another_thread():
     with running() as worker:
-        wait_for(worker, 1)
         threads = []
 
         def make():
@@ -159,3 +158,38 @@ def test_unreadable_messages_end_in_a_lost_process():
     code = "import os, struct, sys; os.write(int(sys.argv[1]), struct.pack('!i', 4) + b'nope')"
     worker = WorkerProcess((sys.executable, '-c', code))
     assert wait_for(worker, 1)[0].is_lost
+
+
+@pytest.mark.parametrize('task, reason', [
+    ('bench.shared.worker_tasks:failing', 'exit code 4'), ('no.such:program', 'exit code 1')])
+def test_each_job_has_one_answer_and_a_lost_process_is_replaced(task, reason):
+    worker, answers = Worker('bench.shared.worker_tasks:doing', 0), []
+
+    def poll(count):
+        end = time.monotonic() + TIMEOUT
+        while len(answers) < count:
+            assert time.monotonic() < end
+            answers.extend((job, message) for job, message in worker.poll()
+                           if not isinstance(message, Progress))
+            time.sleep(0.002)
+
+    try:
+        for number in (1, 2):
+            worker.start(number, lambda: ('done', None))
+        assert worker.jobs == [1, 2]
+        poll(2)
+        assert [job for job, _ in answers] == [1, 2] and worker.job is None
+        pid = worker.pid
+        os.kill(pid, signal.SIGKILL)
+        worker.start(3, lambda: ('done', None))
+        worker.start(4, lambda: ('done', None))
+        poll(4)
+        assert 'signal 9' in answers[2][1].reason and isinstance(answers[3][1], Done)
+        assert worker.pid != pid
+        worker.rest()
+        worker._command = command(task, 0)
+        worker.start(5)
+        poll(5)
+        assert reason in answers[4][1].reason and worker.pid is None and worker.job is None
+    finally:
+        worker.rest()
