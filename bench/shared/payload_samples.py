@@ -69,7 +69,7 @@ def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> 
     none = np.full((2, case.samples.n_joints), np.nan)
     for row in zip(case.samples.t, case.samples.q, case.samples.qd, case.samples.tau):
         epoch.offer(SlowSample(CompleteReading(*row), none))
-    return Job(FIT, rows_of(epoch.snapshot()), base, base, geometry=geometry)
+    return Job(FIT, rows_of(epoch.names, epoch.samples()), base, base, geometry=geometry)
 
 
 def friction(qd: FloatArray) -> FloatArray:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 from gravity_comp_ros.data.differentiation import acceleration_at, WINDOW
-from gravity_comp_ros.data.sample_buffer import SampleBuffer
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
 from gravity_comp_ros.facts.options import FactOptions
@@ -21,6 +20,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.node.sample_buffer import SampleBuffer
 from gravity_comp_ros.regression.options import EngineOptions
 import numpy as np
 
@@ -157,10 +157,26 @@ def _mean(reading: CompleteReading, near: Sequence[CompleteReading]) -> Complete
                            reading.new_run)
 
 
-def rows_of(buffer: SampleBuffer) -> Rows:
-    """Return the samples of a buffer with the sent torques; it takes milliseconds."""
-    return Rows(buffer.samples(), buffer.held_out(),
-                buffer.extra().reshape(-1, 2, len(buffer.names)))
+# A slow sample of an epoch, the number of its run, and whether it is held out.
+Kept = tuple[SlowSample, int, bool]
+
+
+def rows_of(names: Sequence[str], kept: Sequence[Kept]) -> Rows:
+    """
+    Return samples, at least one, with the sent torques; it takes milliseconds.
+
+    They have accelerations if most are known; unknown ones are then 0, as at isolated samples.
+    """
+    slow, runs, held_out = zip(*kept)
+    t, q, qd, tau = (np.array(values) for values in zip(*(
+        (each.reading.t, each.reading.q, each.reading.qd, each.reading.tau) for each in slow)))
+    starts, numbers = np.unique(runs, return_inverse=True)
+    known = [each.qdd is not None for each in slow]
+    qdd = np.array([np.zeros(len(names)) if each.qdd is None else each.qdd for each in slow])
+    samples = JointSamples(tuple(names), t, q, qd, tau, numbers.reshape(-1),
+                           tuple(f'live {run}' for run in starts), (0.0,) * len(starts),
+                           qdd if np.mean(known) >= NODE.min_known else None)
+    return Rows(samples, np.array(held_out), np.array([each.sent for each in slow]))
 
 
 class Epoch:
@@ -181,7 +197,7 @@ class Epoch:
         self.base = base
         self.is_open = is_open
         self.settings = settings
-        self._names = tuple(names)
+        self.names = tuple(names)
         self.restart()
 
     def restart(self, after_fault: bool = False) -> None:
@@ -192,38 +208,42 @@ class Epoch:
         payload explains a wrong gain.
         """
         self._after_fault = after_fault
-        self._offered = 0
-        self._fitted_at = 0
+        self._offered = self._fitted_at = 0
         # Whether the last fit was one of all samples that the epoch requires.
         self._was_full = False
-        self._buffer = SampleBuffer(self._names, NODE.capacity, 2 * len(self._names))
+        self._buffer = SampleBuffer[Kept](NODE.capacity)
+        self._last, self._run = -np.inf, 0
+        self._span: FloatArray | None = np.zeros(len(self.names))
 
     def offer(self, sample: SlowSample) -> None:
-        """Add a sample that passed the gate."""
-        block = self._offered // self.settings.block
+        """Add a sample that passed the gate; a time that does not increase starts a new run."""
+        block, new = self._offered // self.settings.block, sample.reading
         is_held_out = block % NODE.held_out_every == NODE.held_out_every - 1
-        r = sample.reading
-        self._buffer.offer(r.t, r.q, r.qd, r.tau, sample.qdd, sample.sent.ravel(), is_held_out)
+        self._run, self._last = self._run + (new.t <= self._last), new.t
+        self._buffer.offer(new.q, new.qd, (sample, self._run, is_held_out), is_held_out)
         self._offered += 1
+        self._span = None
 
     def __len__(self) -> int:
         return len(self._buffer)
 
     @property
     def n_held_out(self) -> int:
-        return int(self._buffer.held_out().sum())
+        return sum(is_held_out for _, _, is_held_out in self.samples())
 
-    def snapshot(self) -> SampleBuffer:
-        """Return a copy of the samples for `rows_of` in another thread; it takes 0.1 ms."""
-        return self._buffer.snapshot()
+    def samples(self) -> list[Kept]:
+        """Return the samples, for `rows_of` in another thread."""
+        return self._buffer.samples()
 
     def span(self) -> FloatArray:
-        """Return the range of every joint over the samples, (N,) in rad."""
-        return self._buffer.span()
+        """Return the range of every joint over the samples, (N,) in rad; 0 without samples."""
+        if self._span is None:
+            self._span = np.ptp([sample.reading.q for sample, _, _ in self.samples()], axis=0)
+        return self._span
 
     def short_of_range(self) -> tuple[str, ...]:
         """Return the joints that have not yet moved over `NODE.min_range`."""
-        return tuple(name for name, span in zip(self._names, self.span()) if span < NODE.min_range)
+        return tuple(name for name, span in zip(self.names, self.span()) if span < NODE.min_range)
 
     def missing_for_fit(self) -> str | None:
         """Return the missing data of a fit, None if it has enough."""
@@ -237,7 +257,7 @@ class Epoch:
             why = ' after broken effort' if self._after_fault else ''
             return (f'{n_train} training and {n_held_out} held-out samples; '
                     f'{minimum} and {settings.block} are needed{why}: keep moving slowly')
-        if len(self.short_of_range()) == len(self._names):
+        if len(self.short_of_range()) == len(self.names):
             return (f'no joint has moved over {NODE.min_range:g} rad: move the arm slowly '
                     'through its range')
         return None

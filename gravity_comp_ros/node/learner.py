@@ -109,7 +109,7 @@ class Learner:
             window = arm.watch.window()
             rows = partial(Rows, window, np.zeros(len(window), dtype=bool))
         else:
-            rows = partial(rows_of, arm.epoch.snapshot())
+            rows = partial(rows_of, arm.joints, arm.epoch.samples())
         if kind == FIT:
             arm.epoch.fit_started()
         self.has_started = True

@@ -30,6 +30,7 @@ class NodeOptions:
     - `growth`: of the number of samples, after which the next fit is due.
     - `capacity`: maximum number of samples, five minutes at 5 Hz; then one of each cell of poses
       and velocities stays, the newest.
+    - `min_known`: share of the samples whose acceleration must be known for the use of any.
     - `min_range`, rad: motion that each joint needs before the last fit.
 
     Watch of the model in use:
@@ -82,6 +83,7 @@ class NodeOptions:
     held_out_every: int = 4
     growth: float = 1.25
     capacity: int = 1500
+    min_known: float = 0.9
     min_range: float = 0.2
     window: int = 30
     parts: int = 3

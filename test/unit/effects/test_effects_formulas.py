@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from bench.shared.effect_motions import clean_motion
-from gravity_comp_ros.data.sample_buffer import SampleBuffer
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.changes import change_factor
 from gravity_comp_ros.effects.excitation import reversals
@@ -139,10 +138,8 @@ def test_samples_of_a_node_go_on_from_the_origin(motion):
     drift = known_effect('torque_drift')
     law = {**drift.settings(stamped(motion, CLOCK, CLOCK), 0)[0], 'time': 2e4}
     for age in (3600.0, 86400.0):
-        buffer = SampleBuffer(('a', 'b'), 4)
-        for k in range(2):
-            buffer.offer(CLOCK + age + k, Q[k], QD[k], G[k])
-        live = motion_of(buffer.samples())
+        live = motion_of(JointSamples.single_run(
+            ('a', 'b'), CLOCK + age + np.arange(2.0), Q[:2], QD[:2], G[:2], 'live', 0.0))
         np.testing.assert_allclose(drift.columns(live, 0, law)[0, 0], risen(age / 2e4))
         # A fit of the node keeps its clock.
         assert drift.settings(live, 0)[0]['origin'] == CLOCK + age

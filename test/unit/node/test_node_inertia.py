@@ -1,5 +1,7 @@
 """Inertia in the node: samples wait for later messages, which determine their acceleration."""
 
+from dataclasses import replace
+
 from bench.shared.node_messages import play, slow_sample
 from gravity_comp_ros.data.differentiation import with_accelerations
 from gravity_comp_ros.data.gate import slow_samples
@@ -29,7 +31,7 @@ def recorded(seed, seconds=60.0, rate=50.0):
 def test_samples_of_the_node_are_means_of_the_recording(live):
     node, samples = live(auto_fit=False, settle_time=0.0), recorded(60, 20.0)
     play(node, samples)
-    learned = rows_of(node.arm.epoch.snapshot()).samples
+    learned = rows_of(node.arm.joints, node.arm.epoch.samples()).samples
     whole = with_accelerations(samples, samples)
     # The last sample has no messages after it.
     assert len(learned) == len(slow_samples(samples).samples) - 1
@@ -49,7 +51,8 @@ def test_samples_of_the_node_are_means_of_the_recording(live):
 def test_a_slow_rate_has_no_accelerations(live):
     node = live(auto_fit=False, settle_time=0.0)
     play(node, recorded(60, 20.0, 10.0))
-    assert len(node.arm.epoch) > 80 and rows_of(node.arm.epoch.snapshot()).samples.qdd is None
+    kept = node.arm.epoch.samples()
+    assert len(kept) > 80 and rows_of(node.arm.joints, kept).samples.qdd is None
 
 
 def test_a_clock_that_starts_again_and_a_new_payload_drop_waiting_samples(live):
@@ -94,6 +97,19 @@ def test_inertia_of_the_model_is_no_residual(live, tmp_path):
     assert residual[1, 1] < 3.0 * model.noise_with_nuisance[1]
 
 
+def test_accelerations_are_used_if_most_are_known():
+    def rows(n_unknown):
+        q = np.full(2, 0.1)
+        slow = [replace(slow_sample(float(k), q, q, q), qdd=None if k < n_unknown else q + k)
+                for k in range(20)]
+        return rows_of(('a', 'b'), [(each, 0, False) for each in slow]).samples.qdd
+
+    qdd = rows(1)[:, 0]
+    assert qdd[0] == 0.0
+    np.testing.assert_allclose(qdd[1:], 0.1 + np.arange(1, 20))
+    assert rows(5) is None
+
+
 OPTIONS = Parameters(min_samples=15, full_samples=60)
 
 
@@ -106,7 +122,8 @@ def feed(epoch, n, start=0, step=0.05, still=False):
 def test_every_fourth_block_is_held_out():
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
     feed(epoch, 40)
-    rows, held_out = rows_of(epoch.snapshot()), [15, 16, 17, 18, 19, 35, 36, 37, 38, 39]
+    rows = rows_of(epoch.names, epoch.samples())
+    held_out = [15, 16, 17, 18, 19, 35, 36, 37, 38, 39]
     np.testing.assert_array_equal(np.flatnonzero(rows.held_out), held_out)
     np.testing.assert_allclose(rows.samples.q[:, 0], 0.05 * np.arange(40))
     assert epoch.n_held_out == 10 and len(epoch) == 40 and len(rows.train) == 30
@@ -121,7 +138,7 @@ def test_a_clock_that_starts_again_begins_a_run():
     for k in range(30):
         epoch.offer(slow_sample(0.2 * k + 0.05, np.array([0.3, 0.02 * k]), np.ones(2), np.ones(2),
                                 float(k)))
-    rows = rows_of(epoch.snapshot())
+    rows = rows_of(epoch.names, epoch.samples())
     assert len(rows) == 60 and rows.samples.n_runs == 2
     np.testing.assert_allclose(rows.samples.t[:30], 0.2 * np.arange(30))
     np.testing.assert_array_equal(rows.sent[:, 0, 0], np.tile(np.arange(30.0), 2))
