@@ -110,7 +110,7 @@ def reference_noise(expected: FloatArray, samples: JointSamples,
 
 
 def joints_agree(samples: JointSamples, residual: FloatArray,
-                 change: tuple[FloatArray, FloatArray] | None = None) -> Check:
+                 allowed: FloatArray | None = None) -> Check:
     """
     Return the check of a model against its own samples, where there is no chain to compare with.
 
@@ -118,23 +118,18 @@ def joints_agree(samples: JointSamples, residual: FloatArray,
     energy explains it together with the other joints.
 
     :param residual: RMS residual of the model (N,), N·m.
-    :param change: noise of earlier epochs, and RMS of new minus old torque, (N,) in N·m; None
-        for a first model, whose residual is compared with the variation of the effort.
+    :param allowed: its limit (N,), N·m; None for that of a first model, by the variation of the
+        effort.
     """
-    if change is None:
+    if allowed is None:
         spread = samples.tau.std(axis=0)
         allowed = np.maximum(CHECKS.max_own * spread,
                              CHECKS.max_largest * float(spread.max(initial=0.0)))
-    else:
-        allowed = np.maximum(CHECKS.predicted * change[0], CHECKS.max_largest * change[1])
     ratio = residual / np.maximum(allowed, 1e-9)
     worst = int(np.argmax(ratio))
-    name, size = samples.names[worst], f'residual {residual[worst]:.3g} N·m'
-    text = (f'the effort of {name} contradicts that of the other joints: {size} of '
-            f'{spread[worst]:.3g} N·m' if change is None else
-            f'the new model does not explain the effort of {name}: {size}, noise of earlier '
-            f'epochs {change[0][worst]:.3g} N·m')
-    return Check(checks.JOINTS_AGREE, float(ratio[worst]), 1.0, text=text)
+    return Check(checks.JOINTS_AGREE, float(ratio[worst]), 1.0, text=(
+        f'the effort of {samples.names[worst]} contradicts that of the other joints: residual '
+        f'{residual[worst]:.3g} N·m, {allowed[worst]:.3g} N·m are allowed'))
 
 
 def gravity_present(samples: JointSamples, before: FloatArray, noise: FloatArray) -> Check:

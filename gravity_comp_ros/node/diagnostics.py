@@ -9,7 +9,7 @@ from gravity_comp_ros.evaluation.expected_residual import expected_residual
 from gravity_comp_ros.node.arm import Arm, NO_LIMITS
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.learner import FAULTY, FINE, Learner, REFUSED
-from gravity_comp_ros.node.messages import FAULTS, REPLACED
+from gravity_comp_ros.node.messages import FAULTS
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.options import CHECKS, NODE
 from gravity_comp_ros.node.watch import Watch
@@ -53,7 +53,6 @@ def input_status(topic: str, arm: Arm | None, now: float, late: int, unusable: i
         named += (f' (the last stamp is {abs(reader.age):.3g} s '
                   f'{"old" if reader.age > 0.0 else "in the future"}: synchronise the clocks, or '
                   'raise max_age)')
-    replaced = ', '.join(f'{reason} {counts[reason]}' for reason in REPLACED if counts[reason] > 0)
     if age is None and new == 0:
         level, message = STALE, f'no message on {topic}' + ('' if not reader.received else ' now')
     elif age is not None and age > arm.settings.stale_after:
@@ -62,8 +61,6 @@ def input_status(topic: str, arm: Arm | None, now: float, late: int, unusable: i
         message += f' ({named})' if named else ''
     elif named:
         level, message = ERROR if age is None else WARN, f'dropped: {named}'
-    elif replaced:
-        level, message = WARN, f'replaced by other data: {replaced}'
     elif late > NODE.max_late * new:
         level, message = WARN, ('messages arrive faster than they are answered, and newer ones '
                                 'replace others: raise the priority of this process, or lower the '

@@ -89,14 +89,12 @@ def run_payload_test(job: Job) -> PayloadResult:
     if chain is None:
         return PayloadResult('the effort has changed; a payload cannot be tested, because no '
                              'serial chain explains this arm', is_other=True)
-    (gravity, friction), noise = without_effects(model, samples), residual_noise(model)
-    change = gravity.tau - model.predict(gravity.q)
-    tables = Window(gravity, friction, model, chain, noise,
-                    reference_noise(expected_residual(model), gravity, change), job.settings,
-                    axes_under(chain, job.geometry)).tables()
+    window = _window(job, model, chain, model, 1.0)
+    noise, residual = window.noise, rms(window.samples.tau - model.predict(samples.q))
+    tables = window.tables()
     judged = acceptance.suspicion_checks(tables)
     present, *other = judged
-    seconds, residual = samples.t[-1] - samples.t[0], rms(change)
+    seconds = samples.t[-1] - samples.t[0]
     k = int(np.argmax(residual / noise))
     figures = (f'residual of {samples.names[k]} {residual[k]:.3g} N·m, noise of the training '
                f'{noise[k]:.3g}, {len(samples)} samples in {seconds:.1f} s')
@@ -198,18 +196,32 @@ def _checks(job: Job, chain: GravityModel | None, best: Candidate) -> Iterator[C
         yield acceptance.joints_agree(job.rows.train, residual)
         return
     # With other effects gravity changes without a change of the payload.
-    source, allowance = (model, CHECKS.new_effects) if has_new_effects else (base, 1.0)
-    gravity, friction = without_effects(source, samples)
-    before = base.predict(gravity.q)
-    noise = allowance * reference_noise(expected_residual(base), gravity, gravity.tau - before)
+    source, factor = (model, CHECKS.new_effects) if has_new_effects else (base, 1.0)
+    window = _window(job, base, chain, source, factor)
     if chain is None:
-        yield acceptance.gravity_present(gravity, before, noise)
-        yield acceptance.joints_agree(samples, residual, (
-            noise, rms(best.torque - predict_torque(base, samples))))
+        change = rms(best.torque - predict_torque(base, samples))
+        yield acceptance.gravity_present(window.samples, base.predict(samples.q),
+                                         window.reference)
+        yield acceptance.joints_agree(samples, residual, np.maximum(
+            CHECKS.predicted * window.reference, CHECKS.max_largest * change))
         return
-    yield from acceptance.body_checks(
-        Window(gravity, friction, base, chain, noise, noise, job.settings,
-               axes_under(chain, job.geometry)).tables())
+    yield from acceptance.body_checks(replace(window, noise=window.reference).tables())
+
+
+def _window(job: Job, model: GravityModel, chain: GravityModel | None, source: GravityModel,
+            factor: float) -> Window:
+    """
+    Return the samples of a job to compare with a model, as a chain if one explains it.
+
+    :param source: model with the effects and nuisance terms to subtract.
+    :param factor: of the reference noise.
+    """
+    gravity, friction = without_effects(source, job.rows.samples)
+    reference = factor * reference_noise(expected_residual(model), gravity,
+                                         gravity.tau - model.predict(gravity.q))
+    axes = None if chain is None else axes_under(chain, job.geometry)
+    return Window(gravity, friction, model, chain or model, residual_noise(model), reference,
+                  job.settings, axes)
 
 
 def _converged(fit: FullFit, job: Job) -> Check:

@@ -12,18 +12,15 @@ from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.node.options import NODE
 import numpy as np
 
-# The message, or the faulty field, is dropped.
+# The message or the faulty field is dropped; the slope of position replaces a wrong velocity.
 Fault = Literal[
     'missing_joint', 'duplicate_joint', 'wrong_size', 'position_not_finite', 'position_absurd',
     'time_back', 'time_still', 'too_old', 'from_future', 'velocity_not_finite',
-    'effort_not_finite', 'effort_absurd', 'no_effort', 'clock_jump']
-# Replaced by other data, with a warning: a velocity that contradicts the positions.
-Replaced = Literal['velocity_wrong']
+    'velocity_wrong', 'effort_not_finite', 'effort_absurd', 'no_effort', 'clock_jump']
 # Counted, without a warning.
 Handled = Literal['other_joints', 'no_velocity', 'no_stamp']
-Reason = Fault | Replaced | Handled
+Reason = Fault | Handled
 FAULTS: tuple[Fault, ...] = get_args(Fault)
-REPLACED: tuple[Replaced, ...] = get_args(Replaced)
 HANDLED: tuple[Handled, ...] = get_args(Handled)
 
 

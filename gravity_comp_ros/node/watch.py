@@ -74,9 +74,8 @@ class Watch:
         capacity = max(MAX_WINDOW, math.ceil(
             NODE.lengths[0] * (self._min_duration / NODE.period + 1.0)))
         self._rows: deque[_Row] = deque(maxlen=capacity)
-        self._wait = self._tests = 0
-        # Lengths of the windows that are due.
-        self._due: list[int] = []
+        # New samples until the next test, and the length of the window that is due; 0 for none.
+        self._wait = self._due = 0
 
     def forget(self) -> None:
         """Drop the window and the finding."""
@@ -112,7 +111,7 @@ class Watch:
         rows.append(row)
         self._wait = max(0, self._wait - 1)
         ratio = np.array([row.ratio for row in rows])
-        self._due = self._due_lengths(np.abs(ratio).max(axis=1) > CHECKS.large)
+        self._due = self._due_length(np.abs(ratio).max(axis=1) > CHECKS.large)
         if len(rows) >= MIN_WINDOW and rms(ratio[-MIN_WINDOW:]).max() < CHECKS.max_residual:
             self.finding = None
 
@@ -131,13 +130,11 @@ class Watch:
     def is_due(self) -> bool:
         """Return whether a full test of the samples is due."""
         is_suspected = self.finding is not None and self.finding.is_payload
-        return not is_suspected and self._wait == 0 and bool(self._due)
+        return not is_suspected and self._wait == 0 and self._due > 0
 
     def window(self) -> JointSamples:
-        """Return the samples to test; the next window has new samples and another length."""
-        self._wait = NODE.new_samples
-        length = self._due[self._tests % len(self._due)]
-        self._tests += 1
+        """Return the samples to test; the next window has new samples."""
+        self._wait, length = NODE.new_samples, self._due
         picked = np.unique(np.linspace(-length, -1, min(length, MAX_WINDOW)).round().astype(int))
         rows = [self._rows[k] for k in picked]
         t, q, qd, tau = (np.array(values) for values in zip(*(
@@ -150,14 +147,14 @@ class Watch:
         self.finding = found if found.is_payload or found.is_other else None
         return found.is_payload
 
-    def _due_lengths(self, large: BoolArray) -> list[int]:
-        """Return the lengths of windows with large residuals (M,) in each part, longest first."""
+    def _due_length(self, large: BoolArray) -> int:
+        """Return the length of the longest window with large residuals (M,) in each part, or 0."""
         t, count = [row.reading.t for row in self._rows], len(large)
         if count < MIN_WINDOW or not large[-1]:
-            return []
+            return 0
         shortest = next((length for length in range(MIN_WINDOW, count + 1) if large[-length]
                          and t[-1] - t[-length] >= self._min_duration), count + 1)
-        return [length for factor in NODE.lengths
-                if (length := math.ceil(factor * shortest)) <= count
-                and all(part.mean() >= CHECKS.min_large
-                        for part in np.array_split(large[-length:], NODE.parts))]
+        return next((length for factor in NODE.lengths
+                     if (length := math.ceil(factor * shortest)) <= count
+                     and all(part.mean() >= CHECKS.min_large
+                             for part in np.array_split(large[-length:], NODE.parts))), 0)
