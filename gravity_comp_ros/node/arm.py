@@ -91,7 +91,7 @@ class Arm:
         self.delayed = DelayedSamples()
         self.feed = FeedForward(len(joints), settings)
         self.epoch = Epoch(0, joints, settings, model, is_open=model is None)
-        self.watch = Watch(joints, settings.suspect_after)
+        self.watch = Watch(settings.suspect_after)
         self.learn_from = 0.0
         self.last_seen: float | None = None
         self.pose: FloatArray | None = None
@@ -212,10 +212,10 @@ class Arm:
     def _compare(self, in_use: ModelInUse, sample: SlowSample) -> None:
         """Record the residual of a slow sample for diagnostics and for the watch."""
         reading, gravity = sample.reading, in_use.model.predict_one(sample.reading.q)
-        error, residual = in_use.residual(reading, gravity, sample.mean_qdd)
+        error, residual = in_use.residual(reading, gravity, sample.qdd)
         self._residuals.append(np.array((error, residual)))
         if not in_use.distance(reading.q).any():
-            self.watch.offer(reading, sample.mean_qdd, gravity, residual)
+            self.watch.offer(sample, gravity, residual)
 
     def take_residual(self) -> FloatArray | None:
         """

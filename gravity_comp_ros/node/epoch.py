@@ -94,14 +94,14 @@ class SlowSample:
     """
     A reading that passed the gate, and the torque published before it (`SentTorqueHistory`).
 
-    `qdd` (N,) is its acceleration in rad/s^2, None if the message rate does not resolve it;
-    `mean_qdd` is that of the messages around it, None for a single message.
+    `qdd` (N,) is the acceleration in rad/s^2 of the messages around it, None for a single message;
+    `is_resolved` is false if their rate does not resolve quick starts and stops.
     """
 
     reading: CompleteReading
     sent: FloatArray
     qdd: FloatArray | None = None
-    mean_qdd: FloatArray | None = None
+    is_resolved: bool = False
 
 
 class DelayedSamples:
@@ -138,12 +138,13 @@ class DelayedSamples:
             reading, sent = self._waiting.popleft()
             times = np.array([other.t for other in self._recent])
             qd = np.array([other.qd for other in self._recent])
-            qdd = mean_qdd = acceleration_at(reading.t, times, qd)
+            qdd = acceleration_at(reading.t, times, qd)
+            is_resolved = qdd is not None
             if qdd is None and len(times) > 1:
-                mean_qdd = (qd[-1] - qd[0]) / (times[-1] - times[0])
+                qdd = (qd[-1] - qd[0]) / (times[-1] - times[0])
             near = [other for other in self._recent
                     if abs(other.t - reading.t) <= 0.5 * MEAN_OVER + 1e-6]
-            ready.append(SlowSample(_mean(reading, near), sent, qdd, mean_qdd))
+            ready.append(SlowSample(_mean(reading, near), sent, qdd, is_resolved))
         return ready
 
 
@@ -165,14 +166,15 @@ def rows_of(names: Sequence[str], kept: Sequence[Kept]) -> Rows:
     """
     Return samples, at least one, with the sent torques; it takes milliseconds.
 
-    They have accelerations if most are known; unknown ones are then 0, as at isolated samples.
+    They have accelerations if most are resolved; others are then 0, as at isolated samples.
     """
     slow, runs, held_out = zip(*kept)
     t, q, qd, tau = (np.array(values) for values in zip(*(
         (each.reading.t, each.reading.q, each.reading.qd, each.reading.tau) for each in slow)))
     starts, numbers = np.unique(runs, return_inverse=True)
-    known = [each.qdd is not None for each in slow]
-    qdd = np.array([np.zeros(len(names)) if each.qdd is None else each.qdd for each in slow])
+    known = [each.qdd is not None and each.is_resolved for each in slow]
+    qdd = np.array([each.qdd if is_known else np.zeros(len(names))
+                    for each, is_known in zip(slow, known)])
     samples = JointSamples(tuple(names), t, q, qd, tau, numbers.reshape(-1),
                            tuple(f'live {run}' for run in starts), (0.0,) * len(starts),
                            qdd if np.mean(known) >= NODE.min_known else None)

@@ -9,11 +9,10 @@ from functools import partial
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.checks import (
     Check, FIT, FitResult, Job, PAYLOAD, PayloadResult, Result, to_json)
-from gravity_comp_ros.node.epoch import Epoch, FULL_FIT_SAMPLES, Rows, rows_of
+from gravity_comp_ros.node.epoch import Epoch, FULL_FIT_SAMPLES, rows_of
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.watch import LEARN
 from gravity_comp_ros.worker.worker_process import Done, Failed, Worker
-import numpy as np
 
 # States of learning: nothing to report, a model that was not used, a fault.
 FINE, REFUSED, FAULTY = range(3)
@@ -105,16 +104,12 @@ class Learner:
         job = partial(Job, kind, model=self.models.model, base=arm.epoch.base,
                       settings=arm.settings, geometry=arm.described.geometry,
                       on_request=call is not None)
-        if kind == PAYLOAD:
-            window = arm.watch.window()
-            rows = partial(Rows, window, np.zeros(len(window), dtype=bool))
-        else:
-            rows = partial(rows_of, arm.joints, arm.epoch.samples())
+        kept = arm.watch.window() if kind == PAYLOAD else arm.epoch.samples()
         if kind == FIT:
             arm.epoch.fit_started()
         self.has_started = True
         self.fits.start(Pending(kind, wall, arm.epoch, self.models.entry, call),
-                        lambda: job(rows()))
+                        lambda: job(rows_of(arm.joints, kept)))
 
     def _is_tested(self) -> bool:
         """Return whether the model in use is confirmed and of the present payload."""

@@ -30,7 +30,7 @@ class NodeOptions:
     - `growth`: of the number of samples, after which the next fit is due.
     - `capacity`: maximum number of samples, five minutes at 5 Hz; then one of each cell of poses
       and velocities stays, the newest.
-    - `min_known`: share of the samples whose acceleration must be known for the use of any.
+    - `min_known`: share of the samples whose acceleration must be resolved for the use of any.
     - `min_range`, rad: motion that each joint needs before the last fit.
 
     Watch of the model in use:

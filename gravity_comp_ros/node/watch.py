@@ -8,15 +8,15 @@ without a call of `~/payload_changed`, the fit process tests a window of samples
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 import math
-from typing import NamedTuple
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check, PayloadResult
-from gravity_comp_ros.node.messages import CompleteReading
+from gravity_comp_ros.node.epoch import Kept, SlowSample
 from gravity_comp_ros.node.options import CHECKS, NODE
 import numpy as np
 
@@ -25,14 +25,6 @@ LEARN = 'learn'
 # windows are thinned; number of samples that judge a new model.
 MIN_WINDOW, WINDOW = NODE.window, NODE.window // 2
 MAX_WINDOW = round(NODE.lengths[0] * MIN_WINDOW)
-
-
-class _Row(NamedTuple):
-    """A slow sample, its acceleration (N,) in rad/s^2 and its residual (N,) over the noise."""
-
-    reading: CompleteReading
-    qdd: FloatArray
-    ratio: FloatArray
 
 
 class Watch:
@@ -44,8 +36,8 @@ class Watch:
     :param min_duration: shortest duration in s of a window for a payload test.
     """
 
-    def __init__(self, names: tuple[str, ...], min_duration: float) -> None:
-        self._names, self._min_duration = names, min_duration
+    def __init__(self, min_duration: float) -> None:
+        self._min_duration = min_duration
         self._before: GravityModel | None = None
         self._required = self._predicted = 0
         self._errors: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=WINDOW)
@@ -73,7 +65,8 @@ class Watch:
         """Drop the window of a payload test: the clock or the payload has changed."""
         capacity = max(MAX_WINDOW, math.ceil(
             NODE.lengths[0] * (self._min_duration / NODE.period + 1.0)))
-        self._rows: deque[_Row] = deque(maxlen=capacity)
+        # Samples with their residual (N,) over the noise.
+        self._rows: deque[tuple[SlowSample, FloatArray]] = deque(maxlen=capacity)
         # New samples until the next test, and the length of the window that is due; 0 for none.
         self._wait = self._due = 0
 
@@ -83,12 +76,12 @@ class Watch:
         # A suspected payload, or a change of the effort that no payload explains.
         self.finding: PayloadResult | None = None
 
-    def offer(self, reading: CompleteReading, qdd: FloatArray | None, gravity: FloatArray,
-              residual: FloatArray) -> None:
+    def offer(self, sample: SlowSample, gravity: FloatArray, residual: FloatArray) -> None:
         """
         Add a slow sample of the model in use, at a pose within the trained range.
 
-        :param qdd: acceleration (N,) in rad/s^2; without one it is not tested for a payload.
+        Without an acceleration it is not tested for a payload.
+
         :param gravity: torque of the model in use, `residual` that without nuisance terms,
             (N,) in N·m.
         """
@@ -96,21 +89,17 @@ class Watch:
         if not self.is_confirmed and float(error.max()) < CHECKS.predicted:
             self._predicted += 1
         if self._before is not None:
-            old = np.abs(gravity + residual - self._before.predict_one(reading.q)) / self._expected
+            old = np.abs(gravity + residual - self._before.predict_one(
+                sample.reading.q)) / self._expected
             self._errors.append((error, old))
-        if qdd is not None:
-            self._add(_Row(reading, qdd, residual / self._noise))
-
-    def _add(self, row: _Row) -> None:
-        """Add a sample to the window of a payload test."""
-        rows, new = self._rows, row.reading
-        if float(np.abs(row.qdd).max()) >= NODE.max_acceleration or rows and (
-                new.t < (last := rows[-1].reading).t + 0.9 * NODE.period
+        rows, new, qdd = self._rows, sample.reading, sample.qdd
+        if qdd is None or float(np.abs(qdd).max()) >= NODE.max_acceleration or rows and (
+                new.t < (last := rows[-1][0].reading).t + 0.9 * NODE.period
                 or float(np.abs(new.q - last.q).max()) < NODE.min_motion):
             return
-        rows.append(row)
+        rows.append((sample, residual / self._noise))
         self._wait = max(0, self._wait - 1)
-        ratio = np.array([row.ratio for row in rows])
+        ratio = np.array([ratio for _, ratio in rows])
         self._due = self._due_length(np.abs(ratio).max(axis=1) > CHECKS.large)
         if len(rows) >= MIN_WINDOW and rms(ratio[-MIN_WINDOW:]).max() < CHECKS.max_residual:
             self.finding = None
@@ -132,15 +121,11 @@ class Watch:
         is_suspected = self.finding is not None and self.finding.is_payload
         return not is_suspected and self._wait == 0 and self._due > 0
 
-    def window(self) -> JointSamples:
-        """Return the samples to test; the next window has new samples."""
+    def window(self) -> list[Kept]:
+        """Return the samples to test, all with accelerations; the next window has new samples."""
         self._wait, length = NODE.new_samples, self._due
         picked = np.unique(np.linspace(-length, -1, min(length, MAX_WINDOW)).round().astype(int))
-        rows = [self._rows[k] for k in picked]
-        t, q, qd, tau = (np.array(values) for values in zip(*(
-            (each.t, each.q, each.qd, each.tau) for each, _, _ in rows)))
-        return JointSamples.single_run(self._names, t, q, qd, tau, 'live', 0.0,
-                                       qdd=np.array([row.qdd for row in rows]))
+        return [(replace(self._rows[k][0], is_resolved=True), 0, False) for k in picked]
 
     def add_finding(self, found: PayloadResult) -> bool:
         """Record a finding; return whether it is a suspicion."""
@@ -149,7 +134,7 @@ class Watch:
 
     def _due_length(self, large: BoolArray) -> int:
         """Return the length of the longest window with large residuals (M,) in each part, or 0."""
-        t, count = [row.reading.t for row in self._rows], len(large)
+        t, count = [sample.reading.t for sample, _ in self._rows], len(large)
         if count < MIN_WINDOW or not large[-1]:
             return 0
         shortest = next((length for length in range(MIN_WINDOW, count + 1) if large[-length]

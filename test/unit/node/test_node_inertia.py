@@ -97,10 +97,10 @@ def test_inertia_of_the_model_is_no_residual(live, tmp_path):
     assert residual[1, 1] < 3.0 * model.noise_with_nuisance[1]
 
 
-def test_accelerations_are_used_if_most_are_known():
+def test_accelerations_are_used_if_most_are_resolved():
     def rows(n_unknown):
         q = np.full(2, 0.1)
-        slow = [replace(slow_sample(float(k), q, q, q), qdd=None if k < n_unknown else q + k)
+        slow = [replace(slow_sample(float(k), q, q, q), qdd=q + k, is_resolved=k >= n_unknown)
                 for k in range(20)]
         return rows_of(('a', 'b'), [(each, 0, False) for each in slow]).samples.qdd
 

@@ -13,7 +13,7 @@ from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check, Job, PAYLOAD, PayloadResult
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.epoch import Rows
+from gravity_comp_ros.node.epoch import Rows, rows_of, SlowSample
 from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.model_in_use import ModelInUse
@@ -133,7 +133,7 @@ def test_nuisance_terms_are_subtracted_and_friction_is_kept_at_rest(model):
 
 def watching(min_duration=16.0):
     """Return the watch of a model of one joint, with a noise of 1 N·m."""
-    watch, coverage = Watch(('a',), min_duration), Coverage(np.zeros(1), np.ones(1), 100)
+    watch, coverage = Watch(min_duration), Coverage(np.zeros(1), np.ones(1), 100)
     torque = Expansion(np.array([1]), np.array([5.0]))
     watch.use(GravityModel(('a',), 'per_joint', (torque,), None, np.ones(1), coverage), None, 0)
     return watch
@@ -141,7 +141,8 @@ def watching(min_duration=16.0):
 
 def offer(watch, t, q, ratio):
     zero = np.zeros(1)
-    watch.offer(CompleteReading(t, np.array([q]), zero, zero), zero, zero, np.array([ratio]))
+    reading = CompleteReading(t, np.array([q]), zero, zero)
+    watch.offer(SlowSample(reading, zero, zero), zero, np.array([ratio]))
 
 
 def offered(watch, ratios, start=0.0, step=0.01):
@@ -156,8 +157,8 @@ def test_a_test_is_due_only_for_a_lasting_residual():
     assert not watch.is_due()
     offered(watch, [-9.0], 100.0)
     assert watch.is_due()
-    window = watch.window()
-    assert len(window) == MIN_WINDOW and not watch.is_due()
+    window = rows_of(('a',), watch.window()).samples
+    assert len(window) == MIN_WINDOW and window.qdd is not None and not watch.is_due()
     # On the clock of the messages, by which warming and drift are predicted.
     assert window.starts == (0.0,) and window.t[-1] == pytest.approx(100.0)
     short_contact = watching()
@@ -176,7 +177,7 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
         ratio = 9.0 if t <= lasts else 1.0
         offer(watch, t, 0.1 * t, ratio)
         if watch.is_due():
-            window = watch.window()
+            window = rows_of(('a',), watch.window()).samples
             assert MIN_WINDOW <= len(window) <= MAX_WINDOW
             assert np.diff(window.t).min() > 0.85 * NODE.period
             assert window.t[-1] - window.t[0] >= lasting

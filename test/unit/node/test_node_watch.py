@@ -3,14 +3,13 @@
 from dataclasses import dataclass, replace
 import re
 
-from bench.shared.node_messages import rows_of
+from bench.shared.node_messages import rows_of, slow_sample
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import Candidate, not_output
 from gravity_comp_ros.node.epoch import Rows, SentTorqueHistory
-from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.watch import Watch, WINDOW
 import numpy as np
@@ -98,7 +97,7 @@ def models():
 
 
 def watching(model, before, learned):
-    watch = Watch(('a', 'b'), 16.0)
+    watch = Watch(16.0)
     watch.use(model, before, learned)
     return watch
 
@@ -106,7 +105,7 @@ def watching(model, before, learned):
 def offer(watch, model, samples):
     for t, q, qd, tau in zip(samples.t, samples.q, samples.qd, samples.tau):
         gravity = model.predict_one(q)
-        watch.offer(CompleteReading(t, q, qd, tau), None, gravity, tau - gravity)
+        watch.offer(slow_sample(t, q, qd, tau), gravity, tau - gravity)
 
 
 def is_rolled_back(watch):
