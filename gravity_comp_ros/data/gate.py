@@ -16,8 +16,6 @@ import numpy as np
 
 FAST = 'fast'
 RATE = 'rate'
-TIME = 'time'
-NOT_FINITE = 'not_finite'
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ class GateResult:
 
 class Gate:
     """
-    The gate for single messages.
+    The gate for single messages of a run, finite and in order of time.
 
     :param n_joints: the number N of joints.
     :raises OptionError: if the options have another number of thresholds.
@@ -101,24 +99,17 @@ class Gate:
     def reset(self) -> None:
         """Start a new run with the next sample."""
         self._first = math.nan
-        self._last = -math.inf
         self._last_slot = -1
 
-    def offer(self, t: float, q: FloatArray, qd: FloatArray) -> str | None:
+    def offer(self, t: float, qd: FloatArray) -> str | None:
         """
         Return None if the sample passes, else the reason.
 
         :param t: time in s.
-        :param q: positions (N,) in rad.
         :param qd: velocities (N,) in rad/s.
         """
-        if not (math.isfinite(t) and np.isfinite(q).all() and np.isfinite(qd).all()):
-            return NOT_FINITE
-        if t <= self._last:
-            return TIME
         if math.isnan(self._first):
             self._first = t
-        self._last = t
         if not (np.abs(qd) <= self._max_speed).all():
             return FAST
         if self._options.rate_hz is not None:

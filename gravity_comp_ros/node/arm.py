@@ -200,7 +200,7 @@ class Arm:
             self.learn_from = now
         if not isinstance(reading, CompleteReading) or now < self.learn_from:
             return
-        reason = self.gate.offer(reading.t, reading.q, reading.qd)
+        reason = self.gate.offer(reading.t, reading.qd)
         self.delayed.add(reading, self.sent.before(now) if reason is None else None)
         if reason not in (None, RATE):
             self.gate_counts[reason] += 1

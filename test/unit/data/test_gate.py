@@ -1,8 +1,7 @@
 """Slow-motion gate, decisions by hand, equal online and offline; differentiated positions."""
 
 from gravity_comp_ros.data.differentiation import differentiate
-from gravity_comp_ros.data.gate import (
-    FAST, Gate, GateOptions, NOT_FINITE, RATE, slow_samples, TIME)
+from gravity_comp_ros.data.gate import FAST, Gate, GateOptions, RATE, slow_samples
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 from hypothesis import given, strategies as st
@@ -18,24 +17,10 @@ def still(t, n=2, label='run'):
 
 def test_speed_of_any_joint_closes_the_gate():
     gate = Gate(2, GateOptions(max_speed=(0.1, 0.2), rate_hz=None))
-    q = np.zeros(2)
-    assert gate.offer(0.0, q, np.array([0.1, 0.2])) is None
-    assert gate.offer(0.1, q, np.array([0.101, 0.0])) == FAST
-    assert gate.offer(0.2, q, np.array([0.0, -0.201])) == FAST
-    assert gate.offer(0.3, q, np.array([0.0, -0.2])) is None
-
-
-def test_invalid_times_and_values_are_dropped():
-    gate = Gate(1)
-    q = np.zeros(1)
-    assert gate.offer(1.0, q, q) is None
-    assert gate.offer(1.0, q, q) == TIME
-    assert gate.offer(0.5, q, q) == TIME
-    assert gate.offer(float('nan'), q, q) == NOT_FINITE
-    assert gate.offer(2.0, np.array([np.inf]), q) == NOT_FINITE
-    assert gate.offer(2.0, q, np.array([np.nan])) == NOT_FINITE
-    gate.reset()
-    assert gate.offer(0.5, q, q) is None
+    assert gate.offer(0.0, np.array([0.1, 0.2])) is None
+    assert gate.offer(0.1, np.array([0.101, 0.0])) == FAST
+    assert gate.offer(0.2, np.array([0.0, -0.201])) == FAST
+    assert gate.offer(0.3, np.array([0.0, -0.2])) is None
 
 
 def test_rate_keeps_one_in_each_period():
@@ -83,7 +68,7 @@ def test_online_and_offline_decide_the_same(samples, rate, speed):
         if samples.runs[k] != run:
             gate.reset()
             run = samples.runs[k]
-        reason = gate.offer(float(samples.t[k]), samples.q[k], samples.qd[k])
+        reason = gate.offer(float(samples.t[k]), samples.qd[k])
         if reason is None:
             kept.append(k)
         else:
