@@ -211,7 +211,8 @@ class Arm:
 
     def _compare(self, in_use: ModelInUse, sample: SlowSample) -> None:
         """Record the residual of a slow sample for diagnostics and for the watch."""
-        reading, gravity = sample.reading, in_use.model.predict_one(sample.reading.q)
+        reading = in_use.nearest(sample.reading)
+        gravity = in_use.model.predict_one(reading.q)
         error, residual = in_use.residual(reading, gravity, sample.qdd)
         self._residuals.append(np.array((error, residual)))
         if not in_use.distance(reading.q).any():

@@ -149,7 +149,7 @@ class FeedForward:
             self._fresh = now
             return None
         policy = self.options.extrapolation
-        self._pose = pose = q if policy == 'trust' else source.nearest(q, self._pose)
+        self._pose = pose = source.nearest(q, self._pose)
         torque = source.torque(pose, policy, self.margin)
         if not np.isfinite(torque).all():
             return None

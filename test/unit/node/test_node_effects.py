@@ -10,6 +10,7 @@ from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Valu
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node.checks import DIAGNOSIS
 from gravity_comp_ros.node.diagnostics import OK, WARN
+from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.model_in_use import ModelInUse
 import numpy as np
 import pytest
@@ -135,13 +136,33 @@ def test_effects_stay_when_the_payload_changes(node):
     assert all(s.level == OK for s in node.statuses(t) if s.name.startswith('joint'))
 
 
+def applied(name, joint, setting=None, **values):
+    return AppliedEffect(name, joint, setting or {}, {
+        symbol: Value(value, '', (value, value)) for symbol, value in values.items()})
+
+
+SPRING = applied('joint_spring', 'b', {'centre': 0.1, 'overtones': 0.0}, k=2.0, m=0.0)
+
+
+@pytest.mark.parametrize('is_fitted', [False, True])
+def test_the_residual_does_not_depend_on_the_count_of_revolutions(model_file, is_fitted):
+    """A driver may count revolutions in another way after a start; a spring has no period."""
+    effects = {'fitted' if is_fitted else 'applied': Applied((SPRING,))}
+    in_use, q = ModelInUse(replace(load_model(model_file), **effects)), np.array([0.3, 0.2])
+    seen = []
+    for k in range(20):
+        here = q + [0.0, 2.0 * np.pi * (k // 10)]
+        reading = CompleteReading(0.01 * k, here, 0 * q, gravity(q))
+        near = in_use.nearest(reading)
+        seen.append([in_use.predicted(reading), *in_use.residual(near, gravity(q), 0 * q)])
+        external = in_use.external_torque(reading)
+    np.testing.assert_allclose(seen, [seen[0]] * 20, atol=1e-9)
+    assert np.abs(external.torque).max() < 0.3 and np.isfinite(external.std).all()
+
+
 def test_what_holds_the_arm_is_published(model_file, nodes, tmp_path):
     """Gravity and the static effects of the model; those that depend on time are named."""
-    def applied(name, joint, setting=None, **values):
-        return AppliedEffect(name, joint, setting or {}, {
-            symbol: Value(value, '', (value, value)) for symbol, value in values.items()})
-
-    effects = (applied('joint_spring', 'b', {'centre': 0.1, 'overtones': 0.0}, k=2.0, m=0.0),
+    effects = (SPRING,
                applied('torque_offset', 'a', b=0.7),
                applied('coulomb_friction', 'a', {'width': 0.005}, F_c=FRICTION))
     model, path, q = load_model(model_file), tmp_path / 'model.json', np.array([0.3, 0.2])

@@ -98,6 +98,18 @@ def test_the_last_fit_closes_an_epoch_unless_there_is_no_model_yet(live, model_f
     assert epoch.fit_is_due() != has_model
 
 
+def test_another_count_of_revolutions_does_not_widen_the_trained_range(live, model_file):
+    """As of a driver that has started again."""
+    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+    before = node.models.model.coverage
+    t, q = motion(140)
+    for k in range(140):
+        send_message(node, slow_state(1.0 + t[k], q[k] + [2.0 * np.pi, -2.0 * np.pi],
+                                      torque(q[k])), 1.0 + t[k])
+    assert refit(node)[0]
+    assert before.distance(node.models.model.coverage.q_max).max() < 0.1
+
+
 @pytest.mark.parametrize('number, timeout, is_diagnosis, reason', [
     (signal.SIGKILL, 60.0, False, 'died (signal 9'),
     (signal.SIGKILL, 60.0, True, 'died (signal 9'),
