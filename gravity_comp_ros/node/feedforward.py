@@ -15,7 +15,7 @@ Then the limits of rate and size apply.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -92,10 +92,10 @@ class FeedForward:
         # Whether torque is allowed; it ramps either way.
         self.enabled = True
         self._source: TorqueSource | None = None
-        self._failed = False
+        # Time of the last message with a torque, and of the last call.
+        self._fresh: float | None = None
         self._now: float | None = None
-        self._zero = np.zeros(n_joints)
-        self._torque = self._held = self._last = self._zero
+        self._last = self._zero = np.zeros(n_joints)
         self.restart()
         self.set_options(options)
 
@@ -112,8 +112,8 @@ class FeedForward:
 
     def fail(self) -> None:
         """Treat the input as lost: `watch`, whose clock may be another, ends the torque."""
-        self._failed = True
-        self._now = None
+        self.options = replace(self.options, stale_action='fade', hold_time=0.0)
+        self._fresh, self._now = -math.inf, None
 
     def restart(self) -> None:
         """Forget the input; with the next message torque goes on from that published last."""
@@ -122,8 +122,7 @@ class FeedForward:
         self._phase: tuple[object, ...] = ()
         # The last pose, without whole revolutions.
         self._pose: FloatArray | None = None
-        self._fresh: float | None = None
-        self._now = None
+        self._fresh = self._now = None
         # Mean period of the messages, s; 0 before there are two.
         self._period = 0.0
 
@@ -153,7 +152,7 @@ class FeedForward:
         torque = source.torque(pose, policy, self.margin)
         if not np.isfinite(torque).all():
             return None
-        self._fresh, self._torque = now, torque
+        self._fresh = now
         if self._due(now) == DISABLED:
             return None if self._is_at_rest() else self._published(self._zero, (DISABLED,), dt)
         turns = np.round((q - pose) / REVOLUTION).tolist()
@@ -171,9 +170,7 @@ class FeedForward:
         dt = self._step(now, is_message=False)
         if self._is_at_rest():
             return None
-        if due == HOLDING and self._phase != (HOLDING,):
-            self._held = self._last if self._offset.any() else self._clipped(self._torque)
-        return self._published(self._held if due == HOLDING else self._zero, (due,), dt)
+        return self._published(self._last if due == HOLDING else self._zero, (due,), dt)
 
     def state(self, now: float) -> str:
         """Return the state, one of the constants above."""
@@ -192,14 +189,12 @@ class FeedForward:
         """Return the state of the target: that of the model, none, the held one, or its fade."""
         if not self.enabled:
             return DISABLED
-        if self._failed or (self.options.stale_action == 'fade'
-                            and self._is_stale(now - self.options.hold_time)):
+        if self.options.stale_action == 'fade' and self._is_stale(now - self.options.hold_time):
             return FADING
         return HOLDING if self._is_stale(now) else ACTIVE
 
     def _is_stale(self, now: float) -> bool:
-        return self._failed or (
-            self._fresh is not None and now - self._fresh > self.options.stale_after)
+        return self._fresh is not None and now - self._fresh > self.options.stale_after
 
     def _is_at_rest(self) -> bool:
         return not self.is_publishing and self._phase[:1] != (ACTIVE,)
