@@ -163,15 +163,12 @@ def body_checks(tables: Sequence[Hypotheses],
     yield gravity_present(samples, table.before, window.reference)
     unchanged = max(each.explain().log_evidence for each in tables)
     explained = max(unchanged, *(each.log_evidence for each in (table.carried, *forces)))
-    faults = [(fit.log_evidence, text, has_body) for one in tables
-              for fit, text, has_body in one.faults()
-              if abs(fit.mean[0]) >= CHECKS.min_gain_change and fit.log_evidence > unchanged
-              and one.ratio(fit).max() <= CHECKS.max_residual]
-    # A fault alone is named unless one with a body is clearly better.
-    _, named, _ = max(faults, key=lambda fault: fault[0] - CHECKS.margin * fault[2],
-                      default=(0.0, '', False))
-    yield Check(checks.NO_FAULT, max((evidence for evidence, _, _ in faults), default=-np.inf)
-                - explained, CHECKS.margin, text=named)
+    evidence, named = max(((fit.log_evidence, text) for one in tables for fit, text in one.faults()
+                           if abs(fit.mean[0]) >= CHECKS.min_gain_change
+                           and fit.log_evidence > unchanged
+                           and one.ratio(fit).max() <= CHECKS.max_residual),
+                          default=(-np.inf, ''))
+    yield Check(checks.NO_FAULT, evidence - explained, CHECKS.margin, text=named)
     ratio, noise = table.ratio(table.carried), window.reference
     worst = int(np.argmax(ratio))
     joint, expected = table.most_faulty()

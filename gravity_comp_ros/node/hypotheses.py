@@ -188,33 +188,29 @@ class Hypotheses:
         return self.explain(self._body, CHECKS.force * np.tile(hats, self._n) * torque,
                             base=self._loaded)
 
-    def faults(self) -> Iterator[tuple[Explanation, str, bool]]:
+    def faults(self) -> Iterator[tuple[Explanation, str]]:
         """
-        Yield the faults: a common factor, and the gain of a joint, with and without a body.
+        Yield the faults: a common factor, and the gain of a joint, with a body or without.
 
         A joint whose torque does not exceed the noise has no gain to test.
 
-        :return: the fit, whose first coefficient is the change of the gain, a sentence, and
-            whether the fit includes a body.
+        :return: the fit, whose first coefficient is the change of the gain, and a sentence.
         """
-        names, why = self.window.samples.names, 'its sensor or its drive is faulty'
         fits = [(self.explain(self._fault(range(self._n))), 'all joints',
-                 ': another unit or gain, no payload', False)]
-        for k in np.flatnonzero(rms(self.before) > self.window.noise).tolist():
-            fits += [(self._gain(k, self._body[:0], self._base), names[k],
-                      f', and that of no other joint has changed: {why}', False),
-                     (self.body_and_gain(k), names[k],
-                      f', also with a body that explains the rest: {why}', True)]
-        for fit, name, end, has_body in fits:
-            yield fit, (f'the effort of {name} is {1.0 + fit.mean[0]:.3g} times the earlier one'
-                        f'{end}'), has_body
+                 'another unit or gain, no payload')]
+        fits += [(self.gain_of(k), self.window.samples.names[k],
+                  'its sensor or its drive is faulty')
+                 for k in np.flatnonzero(rms(self.before) > self.window.noise).tolist()]
+        for fit, name, why in fits:
+            yield fit, (f'the effort of {name} is {1.0 + fit.mean[0]:.3g} times the earlier one: '
+                        f'{why}')
 
-    def body_and_gain(self, joint: int) -> Explanation:
-        """Return the fit of a body and another gain of one joint, which comes first."""
-        return max((self._gain(joint, scale / self._scale * self._body, self._loaded)
-                    for scale in CHECKS.body), key=_EVIDENCE)
+    def gain_of(self, joint: int) -> Explanation:
+        """Return the best fit of another gain of a joint, which comes first, and of a body."""
+        return max((self._gain(joint, scale / self._scale * self._body)
+                    for scale in (0.0, *CHECKS.body)), key=_EVIDENCE)
 
-    def _gain(self, joint: int, body: FloatArray, base: FloatArray) -> Explanation:
+    def _gain(self, joint: int, body: FloatArray) -> Explanation:
         """
         Return the best fit of the columns of a body and the gain 1 + g of a joint: any, 0 or -1.
 
@@ -223,7 +219,7 @@ class Hypotheses:
         body either. The product is linearised at the last solution: the residual to explain is
         then r + g Bx, and its fit by the columns b + Bx and (1 + g) B is that of the product.
         """
-        here, gain = self._rows_of(joint), 0.0
+        here, gain, base = self._rows_of(joint), 0.0, self._loaded
         fault, torque = self._fault([joint]), np.zeros(self._r.size)
         own = fault[0].copy()
         for _ in range(EngineOptions().steps):

@@ -157,7 +157,7 @@ def test_a_faulty_joint_measures_a_body_with_its_gain(base, geometry, gain):
     payload = Payload(5.0, (0.1, -0.05, 0.2))
     every = tables_of(as_chain(base, geometry), scaled=[(5, gain)], geometry=geometry,
                       payload=payload)
-    assert 1.0 + every[0].body_and_gain(5).mean[0] == pytest.approx(gain, abs=0.02)
+    assert 1.0 + every[0].gain_of(5).mean[0] == pytest.approx(gain, abs=0.02)
     assert 'iiwa_joint_6' in refusals(every)[checks.NO_FAULT]
 
 
