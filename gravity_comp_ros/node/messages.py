@@ -172,11 +172,7 @@ class JointStateReader:
     def _velocity(self, values: Sequence[float], t: float, q: FloatArray) -> FloatArray | None:
         if len(values) == 0:
             self.counts['no_velocity'] += 1
-            slope, _ = self._slope(t, q, np.zeros_like(q))
-            if slope is not None:
-                # The next slope over the window is compared with this one.
-                self._past[-1] = (t, q, slope)
-            return slope
+            return self._slope(t, q, np.zeros_like(q))[0]
         qd = self._vector(values, 'velocity_not_finite')
         if qd is None:
             return None
