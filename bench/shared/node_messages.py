@@ -43,7 +43,7 @@ class Nodes:
         for node in self._open:
             fits = node.fits
             if self._ready is None and fits.pid is not None and fits.job is None:
-                self._ready, node.fits = fits, Worker('', 0)
+                self._ready, node.fits = fits, Worker(())
             node.close()
         self._open.clear()
 

@@ -15,7 +15,7 @@ from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
-from gravity_comp_ros.worker.worker_process import Worker
+from gravity_comp_ros.worker.worker_process import command, Worker
 
 # Difference of the times of arrival of two messages that were taken at once, s.
 _ORDER = 1e-6
@@ -35,7 +35,7 @@ class NodeCore:
         self._topic = topic
         self.events = Events()
         self.models = ModelHistory(settings.model_file)
-        self.fits = Worker('gravity_comp_ros.node.jobs:fitting', NODE.niceness)
+        self.fits = Worker(command('gravity_comp_ros.node.jobs:fitting', NODE.niceness))
         self.learner: Learner | None = None
         self._description = ''
         # Whether the joint names are those of the first message, which may be of a gripper.

@@ -27,7 +27,7 @@ from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.workbench.store import Choice
 from gravity_comp_ros.worker.serve import ProgressCallback
-from gravity_comp_ros.worker.worker_process import Worker
+from gravity_comp_ros.worker.worker_process import command, Worker
 import numpy as np
 
 
@@ -168,4 +168,4 @@ def _learned(recording: Recording, job: Job, progress: ProgressCallback) -> Lear
 
 def new_worker() -> Worker:
     """Return a worker for the jobs of a session."""
-    return Worker(f'{__name__}:{JobRunner.__name__}', 5)
+    return Worker(command(f'{__name__}:{JobRunner.__name__}', 5))

@@ -1,5 +1,5 @@
 """
-Main program of a worker process, which does one job after another for a `WorkerProcess`.
+Main program of a worker process, which does one job after another for a `Worker`.
 
 It runs as `python3 -m gravity_comp_ros.worker.serve MODULE:FACTORY NICENESS DESCRIPTOR`. The
 factory returns the job function; the descriptor is that of a pipe.
@@ -62,7 +62,7 @@ def _exit_with(parent: int) -> None:
 
 
 def main() -> None:
-    """Run with the arguments that `WorkerProcess` appends."""
+    """Run with the arguments that `Worker` appends."""
     # Ctrl-C in a terminal reaches the whole group; only the parent ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_exit_with, args=(os.getppid(),), daemon=True).start()

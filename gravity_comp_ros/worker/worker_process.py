@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
@@ -57,114 +58,24 @@ def command(task: str, niceness: int) -> tuple[str, ...]:
     return sys.executable, '-m', 'gravity_comp_ros.worker.serve', task, str(niceness)
 
 
-class WorkerProcess:
+class Worker:
     """
-    A worker process, which starts at once, keeps running between jobs and ends with its parent.
+    Does jobs one after the other in a separate process; no method blocks.
+
+    The process starts with the first job, and with the next one after it was lost or ended. It
+    ends with its parent.
 
     :param command: the command line; the descriptor of the pipe is appended.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
-        self._is_ended = False
-        self._connection, theirs = Pipe()
-        self._received: SimpleQueue[Message] = SimpleQueue()
-        Thread(target=self._run, args=(tuple(command), theirs), daemon=True).start()
-
-    @property
-    def pid(self) -> int | None:
-        """The process id, None while there is no process."""
-        return self._process.pid if self._process and not self._is_ended else None
-
-    def send(self, make_job: Callable[[], Any]) -> None:
-        """Send a job to the process; another thread makes it."""
-        # Writing to a full pipe blocks, so a thread does it.
-        Thread(target=self._send, args=(make_job,), daemon=True).start()
-
-    def messages(self) -> list[Message]:
-        """Return the messages since the last call; the loss of the process is the last of all."""
-        received: list[Message] = []
-        while not self._is_ended and not self._received.empty():
-            message = self._received.get()
-            received.append(message)
-            self._is_ended = isinstance(message, Failed) and message.is_lost
-        return received
-
-    def end(self) -> None:
-        """Kill the process; its thread waits for its end."""
-        self._is_ended = True
-        if self._process is not None:
-            self._process.kill()
-
-    def _run(self, command: Sequence[str], theirs: Connection) -> None:
-        """Start the process, and pass on its messages until it ends."""
-        try:
-            self._process = process = _started(command, theirs)
-        except OSError as problem:
-            self._received.put(Failed(
-                f'the worker process cannot be started: {problem.strerror}', True))
-            return
-        finally:
-            theirs.close()
-        if self._is_ended:
-            process.kill()
-        # A message cut off by the end of its process is lost with it.
-        with suppress(Exception):
-            while True:
-                self._received.put(self._connection.recv())
-        try:
-            # On a busy machine a process ends some time after its pipe.
-            code = process.wait(timeout=2.0)
-            how = f'signal {-code}; out of memory?' if code < 0 else f'exit code {code}'
-        except subprocess.TimeoutExpired:
-            how = 'it closed its pipe'
-        self._received.put(Failed(f'the worker process died ({how})', True))
-        process.wait()
-
-    def _send(self, make_job: Callable[[], Any]) -> None:
-        try:
-            self._connection.send(make_job())
-        except OSError:
-            # The other end is closed, which the reading thread reports.
-            pass
-        except Exception as problem:
-            self._received.put(Failed(
-                f'the job cannot be sent: {type(problem).__name__}: {problem}'))
-
-
-def _started(command: Sequence[str], pipe: Connection) -> subprocess.Popen[bytes]:
-    """
-    Start a process with default scheduling, also from a thread with real-time priority.
-
-    :raises OSError: if it cannot be started.
-    """
-    if hasattr(os, 'SCHED_RESET_ON_FORK'):
-        # For the children of this thread alone.
-        os.sched_setscheduler(0, os.sched_getscheduler(0) | os.SCHED_RESET_ON_FORK,
-                              os.sched_getparam(0))
-    # The worker must import the same package, also if sys.path was changed.
-    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(p for p in sys.path if p),
-                   'OPENBLAS_NUM_THREADS': '1', 'OMP_NUM_THREADS': '1'}
-    return subprocess.Popen(
-        [*command, str(pipe.fileno())], pass_fds=[pipe.fileno()], stdin=subprocess.DEVNULL,
-        env=environment, start_new_session=True)
-
-
-class Worker:
-    """
-    Does jobs one after the other in a separate process; no method blocks.
-
-    The process starts with the first job, and with the next one after it was lost or ended.
-
-    :param task: 'MODULE:FACTORY'; the factory returns the job function (`serve.Work`).
-    :param niceness: minimum nice value of the process.
-    """
-
-    def __init__(self, task: str, niceness: int) -> None:
-        self._command = command(task, niceness)
-        self._process: WorkerProcess | None = None
+        self._command = tuple(command)
         # Jobs without an answer, the running one first, and what makes the object to send.
         self._jobs: deque[tuple[Any, Callable[[], Any]]] = deque()
+        # The process, its messages and the pipe to it.
+        self._process: Future[subprocess.Popen[bytes]] | None = None
+        self._received: SimpleQueue[Message] = SimpleQueue()
+        self._pipe: Connection | None = None
 
     @property
     def jobs(self) -> list[Any]:
@@ -179,7 +90,9 @@ class Worker:
     @property
     def pid(self) -> int | None:
         """The process id, None while there is no process."""
-        return None if self._process is None else self._process.pid
+        process = self._process
+        is_running = process is not None and process.done() and process.exception() is None
+        return process.result().pid if process is not None and is_running else None
 
     def start(self, job: Any, make: Callable[[], Any] | None = None) -> None:
         """
@@ -204,7 +117,8 @@ class Worker:
     def poll(self) -> list[tuple[Any, Message]]:
         """Return the messages since the last call, each with its job."""
         pairs: list[tuple[Any, Message]] = []
-        for message in self._process.messages() if self._process else ():
+        while self._process is not None and not self._received.empty():
+            message = self._received.get()
             if self._jobs:
                 pairs.append((self.job, message))
             if isinstance(message, Failed) and message.is_lost:
@@ -216,11 +130,77 @@ class Worker:
         return pairs
 
     def _send(self) -> None:
+        """Send the first job to the process, which starts if there is none."""
         if self._process is None:
-            self._process = WorkerProcess(self._command)
-        self._process.send(self._jobs[0][1])
+            self._process, self._received = Future(), SimpleQueue()
+            self._pipe, theirs = Pipe()
+            Thread(target=_run, daemon=True, args=(
+                self._command, self._process, self._received, self._pipe, theirs)).start()
+        # Writing to a full pipe blocks, so a thread does it.
+        Thread(target=_send, daemon=True, args=(
+            self._jobs[0][1], self._received, self._pipe)).start()
 
     def _end(self) -> None:
         if self._process is not None:
-            self._process.end()
+            # At once, or when it has started; its thread waits for its end.
+            self._process.add_done_callback(_kill)
         self._process = None
+
+
+def _kill(process: Future[subprocess.Popen[bytes]]) -> None:
+    if process.exception() is None:
+        process.result().kill()
+
+
+def _run(command: Sequence[str], started: Future[subprocess.Popen[bytes]],
+         received: SimpleQueue[Message], pipe: Connection, theirs: Connection) -> None:
+    """Start a process, and pass on its messages until it ends; its loss is the last one."""
+    try:
+        process = _started(command, theirs)
+    except OSError as problem:
+        started.set_exception(problem)
+        received.put(Failed(f'the worker process cannot be started: {problem.strerror}', True))
+        return
+    finally:
+        theirs.close()
+    started.set_result(process)
+    # A message cut off by the end of its process is lost with it.
+    with suppress(Exception):
+        while True:
+            received.put(pipe.recv())
+    try:
+        # On a busy machine a process ends some time after its pipe.
+        code = process.wait(timeout=2.0)
+        how = f'signal {-code}; out of memory?' if code < 0 else f'exit code {code}'
+    except subprocess.TimeoutExpired:
+        how = 'it closed its pipe'
+    received.put(Failed(f'the worker process died ({how})', True))
+    process.wait()
+
+
+def _send(make_job: Callable[[], Any], received: SimpleQueue[Message], pipe: Connection) -> None:
+    try:
+        pipe.send(make_job())
+    except OSError:
+        # The other end is closed, which the reading thread reports.
+        pass
+    except Exception as problem:
+        received.put(Failed(f'the job cannot be sent: {type(problem).__name__}: {problem}'))
+
+
+def _started(command: Sequence[str], pipe: Connection) -> subprocess.Popen[bytes]:
+    """
+    Start a process with default scheduling, also from a thread with real-time priority.
+
+    :raises OSError: if it cannot be started.
+    """
+    if hasattr(os, 'SCHED_RESET_ON_FORK'):
+        # For the children of this thread alone.
+        os.sched_setscheduler(0, os.sched_getscheduler(0) | os.SCHED_RESET_ON_FORK,
+                              os.sched_getparam(0))
+    # The worker must import the same package, also if sys.path was changed.
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(p for p in sys.path if p),
+                   'OPENBLAS_NUM_THREADS': '1', 'OMP_NUM_THREADS': '1'}
+    return subprocess.Popen(
+        [*command, str(pipe.fileno())], pass_fds=[pipe.fileno()], stdin=subprocess.DEVNULL,
+        env=environment, start_new_session=True)

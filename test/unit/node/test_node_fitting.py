@@ -21,7 +21,7 @@ from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
 from gravity_comp_ros.node.node import GravityCompNode
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.run import InputFirstExecutor
-from gravity_comp_ros.worker.worker_process import Done, Failed, Worker
+from gravity_comp_ros.worker.worker_process import command, Done, Failed, Worker
 import numpy as np
 import pytest
 import rclpy
@@ -49,7 +49,7 @@ def job(train=None):
 @contextmanager
 def process():
     # Without lower priority: on a busy machine a process of low priority starts after minutes.
-    fits = Worker(FITTING, 0)
+    fits = Worker(command(FITTING, 0))
     try:
         yield fits
     finally:
@@ -101,12 +101,12 @@ def test_it_fits_and_stays_running():
 
 PRIORITY = """
 import os, sys, time
-from gravity_comp_ros.worker.worker_process import Done, Worker
+from gravity_comp_ros.worker.worker_process import command, Done, Worker
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
 except PermissionError:
     sys.exit(77)
-worker, messages = Worker('bench.shared.worker_tasks:doing', 10), []
+worker, messages = Worker(command('bench.shared.worker_tasks:doing', 10)), []
 worker.start(('done', None))
 end = time.monotonic() + 60.0
 while not messages and time.monotonic() < end:
