@@ -95,7 +95,8 @@ class FeedForward:
         # Time of the last message with a torque, and of the last call.
         self._fresh: float | None = None
         self._now: float | None = None
-        self._last = self._zero = np.zeros(n_joints)
+        # The torque published last, N·m.
+        self.last = self._zero = np.zeros(n_joints)
         self.restart()
         self.set_options(options)
 
@@ -129,7 +130,7 @@ class FeedForward:
     @property
     def is_publishing(self) -> bool:
         """True while torque is published."""
-        return bool(self._last.any())
+        return bool(self.last.any())
 
     @property
     def margin(self) -> float:
@@ -170,7 +171,7 @@ class FeedForward:
         dt = self._step(now, is_message=False)
         if self._is_at_rest():
             return None
-        return self._published(self._last if due == HOLDING else self._zero, (due,), dt)
+        return self._published(self.last if due == HOLDING else self._zero, (due,), dt)
 
     def state(self, now: float) -> str:
         """Return the state, one of the constants above."""
@@ -203,7 +204,7 @@ class FeedForward:
         """Begin a transition from the torque published last to another target."""
         self._phase, options = phase, self.options
         seconds = options.fade_time if phase == (FADING,) else options.ramp_time
-        self._offset = self._last - target if seconds > 0.0 else self._zero
+        self._offset = self.last - target if seconds > 0.0 else self._zero
         self._speed = np.abs(self._offset) / max(seconds, 1e-9)
         if phase[0] == ACTIVE and self._limit is not None and seconds > 0.0:
             self._speed = np.minimum(self._speed, NODE.ramp_share * self._limit / seconds)
@@ -212,7 +213,7 @@ class FeedForward:
         """Return the torque on the way to `target` after a time step dt, within limits."""
         if phase != self._phase:
             self._begin(phase, target)
-        last, torque = self._last, target
+        last, torque = self.last, target
         if self._offset.any():
             step = self._speed * dt
             offset = self._offset - np.minimum(np.maximum(self._offset, -step), step)
@@ -224,8 +225,8 @@ class FeedForward:
             step = self._rate * dt
             torque = np.minimum(np.maximum(torque, last - step), last + step)
         # A lowered limit applies at once, not at the maximum rate.
-        self._last = self._clipped(torque)
-        return self._last
+        self.last = self._clipped(torque)
+        return self.last
 
     def _clipped(self, torque: FloatArray) -> FloatArray:
         if self._limit is None:

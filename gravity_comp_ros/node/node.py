@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 import time
@@ -67,6 +67,8 @@ class GravityCompNode(LifecycleNode):
         # Last logged level of each status.
         self._levels: dict[str, int] = {}
         self._active = False
+        # Torque by joint, N·m, that a controller keeps from before a cleanup.
+        self._sent: Mapping[str, float] = {}
         self._clock_is_simulated = False
         self._input = InputGroup()
         self._create_services()
@@ -132,7 +134,7 @@ class GravityCompNode(LifecycleNode):
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
         try:
-            self._core = NodeCore(self.settings.values, topic, self.now())
+            self._core = NodeCore(self.settings.values, topic, self.now(), self._sent)
         except GravityCompError as problem:
             self.get_logger().error(str(problem))
             return TransitionCallbackReturn.FAILURE
@@ -179,6 +181,7 @@ class GravityCompNode(LifecycleNode):
         """End the fit process, and destroy topics."""
         self._active = False
         if self._core is not None:
+            self._sent = self._core.sent
             self._core.close()
         for subscription in (self.subscription, self._description):
             if subscription is not None:

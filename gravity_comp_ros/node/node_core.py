@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -16,6 +17,7 @@ from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
 from gravity_comp_ros.worker.worker_process import command, Worker
+import numpy as np
 
 # Difference of the times of arrival of two messages that were taken at once, s.
 _ORDER = 1e-6
@@ -25,11 +27,13 @@ class NodeCore:
     """
     Reads joint states, learns, and computes the torque to publish.
 
+    :param sent: torque in N·m by joint that controllers have kept, of the core before this one.
     :raises OptionError: if the settings contradict each other.
     """
 
-    def __init__(self, settings: Parameters, topic: str, now: float) -> None:
-        self.settings = settings
+    def __init__(self, settings: Parameters, topic: str, now: float,
+                 sent: Mapping[str, float] = MappingProxyType({})) -> None:
+        self.settings, self._sent = settings, sent
         # Messages that a newer one replaced before they were answered, since the last report.
         self._replaced = 0
         self._topic = topic
@@ -52,6 +56,12 @@ class NodeCore:
             self._begin(names)
 
     @property
+    def sent(self) -> Mapping[str, float]:
+        """The torque published last, N·m, by joint."""
+        return self._sent if self.arm is None else dict(zip(
+            self.arm.joints, self.arm.feed.last.tolist()))
+
+    @property
     def arm(self) -> Arm | None:
         """The arm, None before its joints are known."""
         return None if self.learner is None else self.learner.arm
@@ -68,6 +78,7 @@ class NodeCore:
         is_allowed = self.settings.enabled if self.arm is None else self.arm.is_allowed
         arm, entry = Arm(joints, self.settings, self.models.model), self.models.entry
         arm.enable(is_allowed)
+        arm.feed.last = np.array([self._sent.get(name, 0.0) for name in joints])
         self.learner = Learner(arm, self.models, self.fits, self.events)
         self.events.log.append((
             False, f'arm of {len(joints)} joints: {", ".join(joints)}; model: '

@@ -184,6 +184,9 @@ def test_life_cycle_and_enable(iiwa_model_file, bags):
         probe.until_node()
         probe.stream(part(later, 50, 60))
         until_last(probe, part(later, 50, 60))
+        # The controller has kept the torque from before the cleanup.
+        first, last = matrix(probe.torques)[[count, count - 1]]
+        assert np.abs(first - last).max() < 0.05 * whole
         assert change(probe, Transition.TRANSITION_ACTIVE_SHUTDOWN) and state() == 'finalized'
 
 

@@ -4,6 +4,8 @@ from bench.shared.node_messages import (
     feed, motion, send_message, slow_state, status, torque, until)
 from gravity_comp_ros.node.arm import describe_arm
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
+from gravity_comp_ros.node.node_core import NodeCore
+from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 import pytest
 
@@ -132,6 +134,23 @@ def test_of_messages_without_stamps_that_wait_the_newest_is_answered(live):
         poses = [[0.1 * k, arrival] for k in range(3)]
         read = node.read_all([slow_state(0.0, q, [0.0, 0.0]) for q in poses], arrival)
         assert [reading.q.tolist() for _, reading in read] == poses
+
+
+def test_after_a_cleanup_torque_goes_on_from_that_published_last(model_file):
+    """The controller has kept it: a first torque of zero would drop the arm."""
+    settings, pose, sent = Parameters(model_file=str(model_file), max_age=0.0, max_torque=(
+        50.0,)), np.array([1.2, 0.9]), {}
+    for _ in range(2):
+        core, torques = NodeCore(settings, '/joint_states', 0.0, sent), []
+        try:
+            for k in range(400):
+                state = slow_state(1.0 + 0.01 * k, pose, [0.0, 0.0])
+                torques.append(send_message(core, state, 0.01 * k)[1])
+        finally:
+            core.close()
+        np.testing.assert_allclose(torques[0], sent.get('a', 0.0) and torques[-1])
+        sent = core.sent
+        assert sent['a'] > 4.0
 
 
 @pytest.mark.parametrize('stamp, reason', [(1000.0, 'too_old'), (3000.0, 'from_future')])
