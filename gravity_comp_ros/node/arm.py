@@ -232,5 +232,5 @@ class Arm:
         self.learn_from = now + self.settings.settle_time
         self.epoch = Epoch(number, self.joints, self.settings, base)
         self.delayed.restart()
-        self.watch.forget()
+        self.watch.restart()
         self._residuals = []

@@ -41,7 +41,7 @@ class Watch:
         self._before: GravityModel | None = None
         self._required = self._predicted = 0
         self._errors: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=WINDOW)
-        self.forget()
+        self.restart()
 
     def use(self, model: GravityModel, before: GravityModel | None, learned: int) -> None:
         """
@@ -55,24 +55,20 @@ class Watch:
         self._expected, self._noise = expected_residual(model), residual_noise(model)
         self._required, self._predicted = min(learned, NODE.max_required), 0
         self._errors.clear()
-        self.forget()
+        self.restart()
 
     @property
     def is_confirmed(self) -> bool:
         return self._predicted >= self._required
 
     def restart(self) -> None:
-        """Drop the window of a payload test: the clock or the payload has changed."""
+        """Drop window and finding: the model, the clock or the payload has changed."""
         capacity = max(MAX_WINDOW, math.ceil(
             NODE.lengths[0] * (self._min_duration / NODE.period + 1.0)))
         # Samples with their residual (N,) over the noise.
         self._rows: deque[tuple[SlowSample, FloatArray]] = deque(maxlen=capacity)
         # New samples until the next test, and the length of the window that is due; 0 for none.
         self._wait = self._due = 0
-
-    def forget(self) -> None:
-        """Drop the window and the finding."""
-        self.restart()
         # A suspected payload, or a change of the effort that no payload explains.
         self.finding: PayloadResult | None = None
 
