@@ -33,6 +33,8 @@ FAULTS = (NO_FACT, GRAVITY_PRESENT, JOINTS_AGREE, BODY_EXPLAINS, NO_FAULT, WITHI
 # Kinds of jobs: fit a model and compare it with the one in use on held-out samples; find the
 # effects that the model does not include; test whether the samples show another payload.
 FIT, DIAGNOSIS, PAYLOAD = 'fit', 'diagnosis', 'payload test'
+# Levels of a status.
+OK, WARN, ERROR, STALE = range(4)
 
 
 @dataclass(frozen=True)

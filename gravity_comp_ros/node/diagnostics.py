@@ -8,14 +8,12 @@ from dataclasses import dataclass, field
 from gravity_comp_ros.evaluation.expected_residual import expected_residual
 from gravity_comp_ros.node.arm import Arm, NO_LIMITS
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
-from gravity_comp_ros.node.learner import FAULTY, FINE, Learner, REFUSED
+from gravity_comp_ros.node.checks import ERROR, OK, STALE, WARN
+from gravity_comp_ros.node.learner import Learner
 from gravity_comp_ros.node.messages import FAULTS
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.options import CHECKS, NODE
 from gravity_comp_ros.node.watch import Watch
-
-OK, WARN, ERROR, STALE = range(4)
-
 
 @dataclass(frozen=True)
 class Status:
@@ -95,9 +93,8 @@ def learning_status(learner: Learner) -> Status:
               'fit process id': str(fits.pid or ''), 'last fit': learner.last_fit}
     values |= {f'gate {reason}': str(n) for reason, n in learner.arm.gate_counts.items()}
     values |= {f'check {check.name}': check.describe() for check in learner.last_checks}
-    level = {FINE: OK, REFUSED: WARN, FAULTY: ERROR}[learner.state]
     text = '; '.join(filter(None, (learner.report, epoch.describe())))
-    return Status('learning', level, text, values)
+    return Status('learning', learner.level, text, values)
 
 
 def feedforward_status(arm: Arm, now: float) -> Status:

@@ -8,14 +8,11 @@ from functools import partial
 
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.checks import (
-    Check, FIT, FitResult, Job, PAYLOAD, PayloadResult, Result, to_json)
+    Check, ERROR, FIT, FitResult, Job, OK, PAYLOAD, PayloadResult, Result, to_json, WARN)
 from gravity_comp_ros.node.epoch import Epoch, FULL_FIT_SAMPLES, rows_of
 from gravity_comp_ros.node.model_history import Entry, ModelHistory, Reply
 from gravity_comp_ros.node.watch import LEARN
 from gravity_comp_ros.worker.worker_process import Done, Failed, Worker
-
-# States of learning: nothing to report, a model that was not used, a fault.
-FINE, REFUSED, FAULTY = range(3)
 
 
 @dataclass
@@ -61,7 +58,7 @@ class Learner:
         self.last_checks: tuple[Check, ...] = ()
         # The last fit as text, and what diagnostics report about it.
         self.last_fit = 'none'
-        self.state, self.report = FINE, ''
+        self.level, self.report = OK, ''
         self.has_started = False
 
     def poll(self, now: float, wall: float) -> None:
@@ -139,7 +136,7 @@ class Learner:
         if job.kind == FIT:
             self.last_fit = f'failed: {failure.reason}'
             if failure.is_lost or job.call is None:
-                self.state, self.report = FAULTY, text
+                self.level, self.report = ERROR, text
         elif job.kind == PAYLOAD:
             # The next test needs a whole window, so that a process that dies is rarely started.
             self.arm.watch.restart()
@@ -176,13 +173,13 @@ class Learner:
             f'{result.seconds:.2f} s: {result.reason}')
         self.last_checks = result.checks
         text = f'{"new model in use" if result.accepted else self.kept}: {fit}'
-        self.state, self.report = FINE, ''
+        self.level, self.report = OK, ''
         if result.fault and not result.has_no_gravity:
-            self.state, self.report = FAULTY, f'broken effort: {fit}'
+            self.level, self.report = ERROR, f'broken effort: {fit}'
         elif not result.accepted:
-            self.state, self.report = REFUSED, text
+            self.level, self.report = WARN, text
         elif outliers:
-            self.state, self.report = REFUSED, (f'samples left out as outliers: {outliers} (an '
+            self.level, self.report = WARN, (f'samples left out as outliers: {outliers} (an '
                                                 'intermittent brake, or a contact with the arm)')
         if result.accepted:
             self._use(result, now)
@@ -225,7 +222,7 @@ class Learner:
         number = self.arm.epoch.number + (dropped > 0 or not was_open)
         # Also in an open epoch without samples: a sample may wait, and the payload may swing.
         self.arm.new_epoch(number, now, self.models.model)
-        self.state, self.report = FINE, ''
+        self.level, self.report = OK, ''
         if was_open and not dropped:
             return True, f'{self.arm.epoch.describe()}; it was open already'
         return True, (f'epoch {self.arm.epoch.number} open, {dropped} old samples dropped; '
@@ -248,7 +245,7 @@ class Learner:
             epoch.base = entry.model
             epoch.restart(after_fault=True)
             self.last_fit = f'rolled back automatically to the {entry.describe()}: {fault}'
-            self.state, self.report = FAULTY, f'broken effort: {self.last_fit}'
+            self.level, self.report = ERROR, f'broken effort: {self.last_fit}'
             self._events.log.append((True, self.last_fit))
         return True, (f'rolled back to the {entry.describe()}, of the previous payload; models of '
                       f'{len(self.models.past)} earlier payloads remain; no fit until '

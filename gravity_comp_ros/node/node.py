@@ -12,9 +12,9 @@ from typing import Any
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
 from gravity_comp_ros.node.arm import Arm
-from gravity_comp_ros.node.checks import DIAGNOSIS, FIT
+from gravity_comp_ros.node.checks import DIAGNOSIS, ERROR, FIT, OK, STALE, WARN
 from gravity_comp_ros.node.declare import DeclaredParameters, unknown_parameter_warnings
-from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
+from gravity_comp_ros.node.diagnostics import Status
 from gravity_comp_ros.node.learner import Learner
 from gravity_comp_ros.node.messages import CompleteReading, Reading
 from gravity_comp_ros.node.model_history import Reply

@@ -13,8 +13,8 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.export.payload_lines import Payload, payload_of
-from gravity_comp_ros.node.checks import PayloadResult
-from gravity_comp_ros.node.diagnostics import Status, WARN
+from gravity_comp_ros.node.checks import PayloadResult, WARN
+from gravity_comp_ros.node.diagnostics import Status
 from gravity_comp_ros.node.model_history import Entry
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters as Settings
