@@ -6,11 +6,9 @@ An epoch is the period during which the arm carries one payload.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import itemgetter
 
 from gravity_comp_ros.data.differentiation import acceleration_at, WINDOW
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -84,9 +82,8 @@ class SentTorqueHistory:
 
         The torque published at `now` is the response to the sample and is not included.
         """
-        places = [bisect_left(self._sent, t, key=itemgetter(0))
-                  for t in (now, now - NODE.max_delay)]
-        return np.array([self._sent[k - 1][1] if k else self._none for k in places])
+        return np.array([next((tau for at, tau in reversed(self._sent) if at < t), self._none)
+                         for t in (now, now - NODE.max_delay)])
 
 
 @dataclass(frozen=True, eq=False)
