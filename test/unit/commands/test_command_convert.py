@@ -150,17 +150,3 @@ def test_three_consistent_topics(tmp_path, folder, wrist, capsys):
     np.testing.assert_array_equal(residual.tau, TAU[:, columns] - expected)
     starts = {recording.report.start_ns for recording in messages.values()}
     assert starts == {read_bag(folder).report.start_ns}
-
-
-def test_the_input_recording_is_never_overwritten(tmp_path, folder, wrist, capsys):
-    single = tmp_path / 'x.mcap'
-    write_bag(single, [JointTopic('/joint_states', NAMES, TIMES, Q, QD, TAU)])
-    link = tmp_path / 'link.mcap'
-    link.symlink_to(single)
-    before = single.read_bytes()
-    for source, out in ((single, single), (single, link), (folder, folder / 'out.mcap')):
-        assert main(['replay', str(source), '--model', str(tmp_path / 'm.json'),
-                     '-o', str(out)]) == 1
-        assert 'name a' in capsys.readouterr().err
-    assert single.read_bytes() == before
-    assert not (folder / 'out.mcap').exists()

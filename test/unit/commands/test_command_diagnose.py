@@ -105,16 +105,6 @@ def test_no_findings_where_nothing_is_missing(capsys):
     assert out.startswith('Nothing is missing') and 'next step' not in out
 
 
-def test_friction_is_untestable_with_motion_in_one_direction(capsys):
-    out, result = both(capsys, 'one_way.mcap')
-    accepted = [f for f in result['findings'] if f['verdict'] in ('established', 'likely')]
-    assert not [f for f in accepted if f['joint'] == 'shoulder' and 'friction' in f['effect']]
-    assert 'one direction only' in result['joints']['shoulder']['untestable']['coulomb_friction']
-    assert any('one direction only: shoulder' in remark for remark in result['data']['remarks'])
-    reason = 'coulomb_friction on shoulder: the joint moves in one direction only'
-    assert reason in ' '.join(out.split())
-
-
 def finding(effect, verdict, alternatives=(), next_step='move it', to_add=()):
     return Finding('shoulder', effect, verdict, alternatives, {}, 0.2, 0.1, 0.0, 1.0, 'why',
                    next_step, to_add=to_add)

@@ -58,17 +58,13 @@ def test_a_plan_is_written_shown_and_played(folder, tmp_path, capsys):
 
 
 def test_a_recorded_range_is_widened(folder, tmp_path, capsys):
-    old, limited = read_bag(folder / 'old.mcap').samples.q, ['--urdf', folder / 'arm.urdf']
+    old = read_bag(folder / 'old.mcap').samples.q
     out, ends = tmp_path / 'wide.yaml', (old.min(axis=0), old.max(axis=0))
-    for more, argv, limit in ((0.4, [], 9.0), (7.0, limited, 3.0 * 0.96)):
-        assert main(command(folder, out, '--settle', 'torque_offset', '--widen', more,
-                            *argv)) == 0
-        assert ('no description gives the position limits' in capsys.readouterr().err) == (
-            not argv)
-        q = read_trajectory(out).q
-        assert (q >= np.maximum(ends[0] - more, -limit) - 6e-6).all()
-        assert (q <= np.minimum(ends[1] + more, limit) + 6e-6).all()
-        assert (q < ends[0] - 0.05).any() or (q > ends[1] + 0.05).any()
+    assert main(command(folder, out, '--settle', 'torque_offset', '--widen', 0.4)) == 0
+    assert 'no description gives the position limits' in capsys.readouterr().err
+    q = read_trajectory(out).q
+    assert (q >= ends[0] - 0.4 - 6e-6).all() and (q <= ends[1] + 0.4 + 6e-6).all()
+    assert (q < ends[0] - 0.05).any() or (q > ends[1] + 0.05).any()
 
 
 @pytest.mark.parametrize('joint, is_used', [('elbow', True), ('knee', False)])
@@ -131,22 +127,10 @@ def test_eq17_is_the_default(tmp_path, capsys):
 
 
 def test_payload_time_counts_from_the_start_of_the_bag(tmp_path):
-    common = ('--start', '50', '--duration', '20')
-    bare = synth(tmp_path, *common)
-    loaded = synth(tmp_path, *common, '--payload', '2', '--payload-at', '10')
+    bare, loaded = (synth(tmp_path, '--start', '50', '--duration', '20', *more)
+                    for more in ((), ('--payload', '2', '--payload-at', '10')))
     changed = np.abs(loaded.tau - bare.tau).max(axis=1) > 0
     assert changed.tolist() == [False] * 50 + [True] * 50
-
-
-def test_noise_seed_and_static(tmp_path):
-    one = synth(tmp_path, '--noise', '0.1', '--seed', '5')
-    same = synth(tmp_path, '--noise', '0.1', '--seed', '5')
-    other = synth(tmp_path, '--noise', '0.1', '--seed', '6')
-    np.testing.assert_array_equal(one.tau, same.tau)
-    assert np.abs(one.tau - other.tau).max() > 0.1
-    static = synth(tmp_path, '--static')
-    np.testing.assert_array_equal(static.tau, arms.gravity_torque(arms.iiwa7(), static.q))
-    assert not static.qd.any()
 
 
 def test_urdf_with_a_multisine_and_a_tilted_base(tmp_path):

@@ -72,29 +72,14 @@ def test_a_model_with_axes_estimates_mass_without_a_description(folder, tmp_path
         capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '--formulation', 'potential')
 
 
-def test_mass_and_centre_with_the_urdf(folder, model, capsys):
-    result = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '--urdf', URDF)
-    payload = result['payload']
-    assert payload['mass']['value'] == pytest.approx(2.0, rel=0.03)
-    assert [payload['centre'][axis]['value'] for axis in 'xyz'] == pytest.approx(COM, abs=0.005)
-    assert payload['mass']['ci95'][0] < payload['mass']['value'] < payload['mass']['ci95'][1]
-    changed = load_model(model)
-    assert worst(changed) <= 0.1
-    update = changed.provenance['updates'][-1]
-    assert update['bags'][0]['name'] == 'tool.mcap' and update['when'].startswith('20')
-    assert [bag['name'] for bag in changed.provenance['bags']] == ['bare.mcap', 'tool.mcap']
-    capsys.readouterr()
-    assert main(['update', str(folder / 'tool.mcap'), '--model', str(model), '--dry-run']) == 0
-    out = capsys.readouterr()
-    assert 'does it contain the new payload?' in out.err and '--dry-run' in out.out
-
-
 def test_text_and_undo(folder, model, capsys):
     before = load_model(model)
     assert main(['update', str(folder / 'tool.mcap'), '--model', str(model), '--urdf', URDF]) == 0
     text = capsys.readouterr().out
     assert 'mass +' in text and 'in the frame of iiwa_link_7' in text
     assert 'torque of the payload, N·m (50 samples)' in text
+    update = load_model(model).provenance['updates'][-1]
+    assert update['bags'][0]['name'] == 'tool.mcap' and update['when'].startswith('20')
     assert main(['update', '--undo', '--model', str(model)]) == 0
     back = load_model(model)
     np.testing.assert_array_equal(back.predict(LATER), before.predict(LATER))

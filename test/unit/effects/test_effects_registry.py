@@ -85,13 +85,6 @@ def test_the_example_package_installs_and_is_found(tmp_path):
     assert names[:-1] == list(library_effects())
 
 
-def test_several_effects_may_come_from_one_name(tmp_path):
-    plug_in(tmp_path, 'pair', EFFECT + 'both = [effect("first"), effect("second")]\n',
-            'both = pair:both')
-    names, skipped = ask(tmp_path)
-    assert names[-2:] == ['first', 'second'] and not skipped
-
-
 BROKEN = (
     ('raise RuntimeError("no licence\\nfor this robot")\n', 'no licence for this'),
     ('import not_there\n', 'not_there'),

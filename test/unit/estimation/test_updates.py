@@ -8,7 +8,7 @@ from bench.shared.campaign import campaign
 from bench.shared.serial_arms import samples_of, worst
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import parse_urdf
-from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import DataError, FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_update import _spread
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -144,6 +144,8 @@ def test_axes_of_other_joints_are_refused(old):
     other = Geometry(tuple('abcdefg'), IIWA.rotations, IIWA.origins, 'l', np.eye(3))
     with pytest.raises(ModelMismatchError, match='model is of'):
         update(old['chain'], recorded(ARM, LATER[:50], 1), geometry=other)
+    with pytest.raises(DataError, match='geometry of a, b'):
+        replace(old['chain'], geometry=other)
     with pytest.raises(OptionError, match='potential does not use known axes'):
         FitOptions('potential', geometry=IIWA)
 

@@ -1,6 +1,7 @@
 """Model files: a round trip is exact, and a damaged file is refused."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 import hashlib
 import json
 import os
@@ -12,7 +13,8 @@ from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models import model_file
-from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel, Step
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from hypothesis import given, strategies as st
@@ -269,3 +271,17 @@ def test_models_with_inconsistent_parts_are_refused():
         good.predict(np.zeros((5, 3)))
     with pytest.raises(DataError, match='joint names'):
         GravityModel(('a', 'a'), 'per_joint', good.torques, None, good.noise, good.coverage)
+
+
+EFFECT = AppliedEffect('x', 'elsewhere', {}, {'b': Value(1.0, 'N·m', (0.9, 1.1))})
+
+
+@pytest.mark.parametrize('make', [
+    lambda: Value(float('nan'), 'N·m', (0.0, 1.0)), lambda: AppliedEffect('x', None, {}, {}),
+    lambda: AppliedEffect('x', None, {'speed': float('inf')}, EFFECT.coefficients),
+    lambda: Applied((EFFECT, EFFECT)), lambda: Step('forgotten', (), 'today'),
+    lambda: replace(MODEL, applied=Applied((EFFECT,))),
+    lambda: replace(MODEL, fitted=Applied((EFFECT,)))])
+def test_invalid_effects_are_refused(make):
+    with pytest.raises(DataError):
+        make()

@@ -91,12 +91,11 @@ def test_a_chunk_is_one_batch(tmp_path):
 
 @pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.ZSTD,
                                          CompressionType.LZ4])
-@pytest.mark.parametrize('seed', range(3))
-def test_flipped_bytes_never_change_messages(tmp_path, compression, seed):
+def test_flipped_bytes_never_change_messages(tmp_path, compression):
     path = write(tmp_path / 'x.mcap', [(k, k % 3) for k in range(100)], chunk_size=2000,
                  compression=compression)
     whole, good = path.read_bytes(), read(path)
-    rng, refused = np.random.default_rng(seed), 0
+    rng, refused = np.random.default_rng(0), 0
     for place in rng.integers(8, len(whole) - 8, 40):
         raw = bytearray(whole)
         raw[place] ^= int(rng.integers(1, 256))

@@ -45,12 +45,9 @@ def test_every_hidden_effect_changes_the_signals(name):
 
 @pytest.mark.parametrize('text, word', [
     ('gremlins', 'coulomb_friction'), ('coulomb_friction:9', 'no joint 9'),
-    ('coulomb_friction:0', 'no joint 0'), ('coulomb_friction:4=much', 'not a number'),
     ('coulomb_friction:4=nan', 'not a number'), ('base_tilt:1', 'whole arm'),
     ('coulomb_friction:2=-1', 'above 0 N·m'), ('torque_offset:2=0', 'other than 0'),
-    ('coulomb_friction', 'on which joint'), ('coulomb_friction=0.8', 'on which joint'),
-    ('coulomb_friction:=0.8', 'on which joint'), ('coulomb_friction:4=', 'not a number'),
-])
+    ('coulomb_friction=0.8', 'on which joint')])
 def test_invalid_hidden_effects_are_refused(text, word):
     with pytest.raises(OptionError, match=word):
         hidden(text, ARM)
