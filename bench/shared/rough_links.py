@@ -38,12 +38,19 @@ def two_links(seed=0, count=1200, names=JOINTS, one_way=False, rough=1.0, reach=
     return JointSamples.single_run(names, t, q, qd, tau + rng.normal(scale=NOISE, size=q.shape))
 
 
-def two_link_urdf(names=JOINTS):
-    """Return a description of two links in an upright plane, 0.4 m each, hanging at q = 0."""
+def two_link_urdf(names=JOINTS, masses=()):
+    """
+    Return a description of two links in an upright plane, 0.4 m each, hanging at q = 0.
+
+    `masses` in kg are at the ends of the links; 1.53 and 1.02 give the torque of `two_links`.
+    """
     joints = ''.join(
         f'<joint name="{name}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
         f'<origin xyz="0 0 {0.8 if k == 0 else -0.4}"/><axis xyz="0 1 0"/>'
         f'<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
         for k, name in enumerate(names))
-    links = ''.join(f'<link name="l{k}"/>' for k in range(len(names) + 1))
+    bodies = ['', *(f'<inertial><origin xyz="0 0 -0.4"/><mass value="{mass}"/><inertia ixx="0.01" '
+                    'ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>'
+                    for mass in masses), *[''] * (len(names) - len(masses))]
+    links = ''.join(f'<link name="l{k}">{body}</link>' for k, body in enumerate(bodies))
     return f'<robot name="two">{links}{joints}</robot>'

@@ -40,13 +40,7 @@ def printed(tmp_path_factory):
     (folder / 'robots' / 'one').mkdir(parents=True)
     for name, seed in (('1', 1), ('2', 2), ('robots/one/1', 1)):
         write_bag(folder / f'{name}.mcap', [joint_states(two_links(seed))])
-    body = ('<inertial><origin xyz="0 0 -0.4"/><mass value="{}"/><inertia ixx="0.01" ixy="0" '
-            'ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>')
-    urdf = two_link_urdf()
-    for link, mass in (('l1', 1.53), ('l2', 1.02)):
-        urdf = urdf.replace(f'<link name="{link}"/>',
-                            f'<link name="{link}">{body.format(mass)}</link>')
-    (folder / 'arm.urdf').write_text(urdf)
+    (folder / 'arm.urdf').write_text(two_link_urdf(masses=(1.53, 1.02)))
     # 1 kg at the end of the second link, of 0.4 m.
     load = two_links(3)
     both = 9.80665 * 0.4 * np.sin(load.q.sum(axis=1))

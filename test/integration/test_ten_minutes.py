@@ -11,20 +11,9 @@ from examples.ten_minutes import Arm, main, targets
 import pytest
 
 
-@pytest.fixture(scope='module')
-def urdf(tmp_path_factory):
-    """Return a description of two links of 3 and 2 kg."""
-    text = two_link_urdf()
-    for link, mass in (('l1', 3.0), ('l2', 2.0)):
-        text = text.replace(f'<link name="{link}"/>', f'<link name="{link}"><inertial><origin '
-                            f'xyz="0.02 0 -0.2"/><mass value="{mass}"/><inertia ixx="0.02" '
-                            'ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.002"/></inertial></link>')
-    path = tmp_path_factory.mktemp('arm') / 'arm.urdf'
-    path.write_text(text)
-    return path
-
-
-def test_two_visits_are_filed_and_the_risen_friction_is_shown(urdf, tmp_path, capsys):
+def test_two_visits_are_filed_and_the_risen_friction_is_shown(tmp_path, capsys):
+    urdf = tmp_path / 'arm.urdf'
+    urdf.write_text(two_link_urdf(masses=(1.53, 1.02)))
     assert main(['seven', '--simulate', str(urdf), '--folder', str(tmp_path)]) == 0
     out = capsys.readouterr().out
     first, second = sorted(path for path in (tmp_path / 'seven').iterdir() if path.is_dir())
