@@ -131,34 +131,6 @@ def test_programs_start_without_slow_modules(modules, slow):
     assert done.stdout == '[]\n', done.stdout + done.stderr
 
 
-# Packages whose dataclasses with arrays must not define ==, which is ambiguous for arrays.
-WITH_ARRAYS = ('data', 'models', 'recordings', 'simulation', 'node')
-ARRAY = re.compile(r'\b(FloatArray|BoolArray|NDArray)\b')
-
-
-def compared_by_value(path: Path) -> list[str]:
-    """Return the dataclasses of a file that hold arrays and define ==."""
-    names = []
-    for node in ast.walk(tree(path)):
-        if not isinstance(node, ast.ClassDef):
-            continue
-        decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
-        fields = [ast.unparse(item.annotation) for item in node.body
-                  if isinstance(item, ast.AnnAssign)]
-        own_eq = any(isinstance(item, ast.FunctionDef) and item.name == '__eq__'
-                     for item in node.body)
-        if not own_eq and any(text.startswith('dataclass') for text in decorators) and any(
-                ARRAY.search(field) and 'Callable' not in field for field in fields) and not any(
-                'eq=False' in text for text in decorators):
-            names.append(f'{path}: {node.name}')
-    return names
-
-
-def test_dataclasses_with_arrays_do_not_compare_by_value():
-    assert not [name for path in MODULES if room(path) in WITH_ARRAYS
-                for name in compared_by_value(path)]
-
-
 @pytest.mark.parametrize('path', sorted((ROOT / 'bench').rglob('*.py')),
                          ids=lambda path: path.stem)
 def test_benches_import(path):

@@ -103,18 +103,6 @@ def test_payload_update_and_undo(data, loop, tmp_path):
     assert str(again) == str(model) and 'before payload' in str(model)
 
 
-def test_a_motion_is_planned_for_a_named_effect(loop, tmp_path):
-    train, _, model, *_ = loop
-    plan = gc.plan(model, train, ['viscous_friction:shoulder'],
-                   options=gc.PlanOptions(duration=20.0))
-    assert plan.trajectory.duration <= 20.0 and plan.trajectory.joints == JOINTS
-    assert [e.target for e in plan.expectations] == ['viscous_friction:shoulder']
-    assert plan.expectations[0].chance >= plan.expectations[0].chance_before
-    plan.save(tmp_path / 'motion.yaml')
-    assert (tmp_path / 'motion.yaml').read_text()
-    assert 'viscous_friction' in str(plan) and '<table>' in plan._repr_html_()
-
-
 def test_weak_findings_are_not_added(loop):
     train, _, model, diagnosis, _ = loop
     weak = [replace(f, verdict='weak', to_add=()) for f in diagnosis.findings]

@@ -10,7 +10,7 @@ from gravity_comp_ros import __version__, cli
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.printable import printable
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -60,9 +60,8 @@ def test_the_overview_imports_no_numerical_modules():
     assert done.returncode == 0 and done.stdout.endswith('[]\n'), done.stdout
 
 
-@pytest.mark.parametrize('verb', ['info', 'fit', 'compare', 'update'])
-def test_defaults_of_the_gate_are_those_in_the_help(verb, capsys):
-    assert cli.main([verb, '--help']) == 0
+def test_defaults_of_the_gate_are_those_in_the_help(capsys):
+    assert cli.main(['fit', '--help']) == 0
     output = ' '.join(capsys.readouterr().out.split())
     assert f'joint speed of a sample (default: {GateOptions().max_speed:g})' in output
     assert f'per second of slow motion (default: {GateOptions().rate_hz:g})' in output
@@ -138,7 +137,8 @@ def test_output_to_a_terminal_without_unicode():
     assert b'N?m per unit' in done.stdout
 
 
-@given(st.text())
+@settings(max_examples=30)
+@given(st.text(max_size=20))
 def test_printable_text_contains_no_control_characters(text):
     printed = printable(text)
     assert printed.isprintable()

@@ -138,12 +138,6 @@ def test_accepted_findings_are_added_and_open_ones_are_planned(capsys, folder, m
     assert 'no known effect describes it' in output
 
 
-def test_fitted_and_new_recordings_are_listed(capsys):
-    out, _ = shown(capsys, 'one.mcap', 'one_way.mcap', '--model', 'arm.json', '--effects',
-                   'torque_offset')
-    assert 'the model was fitted to one.mcap and not fitted to one_way.mcap' in out
-
-
 def test_a_finding_that_is_predicted_with_gravity_stays_open_unless_it_is_established(capsys):
     args = arguments('arm.json')
     own = {'is_predicted': True, 'next_step': 'move it'}

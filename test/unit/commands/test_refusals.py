@@ -207,12 +207,9 @@ def test_a_joint_is_a_name_or_a_number_in_every_verb(here, capsys, call):
     assert list(results[0]) == ['elbow', 'shoulder'] and results[0] == results[1]
 
 
-def test_effort_scale_and_effect_by_joint_number(here, capsys):
+def test_effort_scale_by_joint_number(here, capsys):
     facts = run_json(capsys, 'info', 'good.mcap', '--effort-scale', '2=-1')['recordings'][0]
     assert facts['effort_scale'] == {'elbow': -1.0}
-    result = run_json(capsys, 'add', 'torque_offset:2', 'good.mcap', '--model', 'arm.json',
-                      '--dry-run')
-    assert result['added'] == ['torque_offset:elbow']
     # Names take precedence over numbers.
     assert joint_named('2', ('2', '1')) == '2'
     assert joint_named('2', ('a', 'b')) == 'b'

@@ -37,17 +37,6 @@ def with_value(field: str, place, value) -> np.ndarray:
     return array
 
 
-def test_a_single_run_contains_the_given_values():
-    samples = JointSamples.single_run(['x'], [0, 1], [[1], [2]], [[3], [4]], [[5], [6]], 'r')
-    assert samples.names == ('x',) and samples.run_labels == ('r',)
-    assert (samples.n_samples, len(samples), samples.n_joints, samples.n_runs) == (2, 2, 1, 1)
-    np.testing.assert_array_equal(samples.q, [[1.0], [2.0]])
-    np.testing.assert_array_equal(samples.qd, [[3.0], [4.0]])
-    np.testing.assert_array_equal(samples.tau, [[5.0], [6.0]])
-    np.testing.assert_array_equal(samples.runs, [0, 0])
-    assert samples.q.dtype == np.float64 and samples.runs.dtype == np.int64
-
-
 @pytest.mark.parametrize('changes, message', [
     ({'names': ()}, 'no joints'),
     ({'names': ('a', 'b', 'a')}, 'joint names repeat: a'),

@@ -49,30 +49,6 @@ TILTED = """<robot name="bent">
 </robot>"""
 
 
-def tool_chain(geometry: Geometry, mass: float, com) -> Chain:
-    """Return a massless chain with a tool."""
-    numbers = np.array([mass, *(mass * np.asarray(com))])
-    return Chain(geometry.rotations, (numbers @ geometry.tool_moments()).reshape(-1, 2))
-
-
-def arm_without_fingers(tmp_path) -> arms.Arm:
-    path = tmp_path / 'bent.urdf'
-    path.write_text(TILTED.replace('type="prismatic"', 'type="fixed"'))
-    return arms.from_urdf(path)
-
-
-@pytest.mark.parametrize('mass, com', [(2.0, (0.0, 0.0, 0.1)), (-1.0, (0.02, 0.3, -0.1))])
-def test_torque_of_a_tool_agrees_with_pinocchio(tmp_path, mass, com):
-    iiwa = arms.iiwa7()
-    for arm, geometry in ((iiwa, parse_urdf(IIWA.read_bytes(), iiwa.joints)),
-                          (arm_without_fingers(tmp_path), parse_urdf(TILTED, ('a', 'b', 'c')))):
-        q = poses(30, arm.n_joints)
-        heavier = arms.with_payload(arm, arms.Payload(abs(mass), com))
-        expected = arms.gravity_torque(heavier, q) - arms.gravity_torque(arm, q)
-        torque = tool_chain(geometry, mass, com).torque(q)
-        np.testing.assert_allclose(torque, np.sign(mass) * expected, atol=1e-6)
-
-
 def test_the_urdf_matches_the_simulated_arm():
     arm, again = arms.iiwa7(), arms.from_urdf(IIWA)
     q = poses(20, 7)

@@ -10,12 +10,13 @@ from bench.shared.serial_arms import parallel_axis_arm, serial_arm
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.estimation.arm_fit import ArmFit, moves_enough
-from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.joint_gains import common_gain, joint_gains
 from gravity_comp_ros.estimation.moved_base import moved_base
 from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.torque_facts import torque_facts
 from gravity_comp_ros.facts.fact import Action, Kind
+from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_base_tilt, with_payload
@@ -41,6 +42,11 @@ def recorded(gains=1.0, more=None, arm=ARM, seed=0, noise=0.05):
         tau = tau + more(q, qd, t)
     tau = gains * (tau + noise * rng.standard_normal(q.shape))
     return JointSamples.single_run(arm.joints, t, q, qd, tau)
+
+
+@pytest.fixture(scope='module')
+def model():
+    return fit(recorded(), FitOptions('chain')).model
 
 
 def only(samples):
@@ -225,36 +231,33 @@ def test_too_little_motion_has_no_result():
     assert not moves_enough(still)
 
 
-def test_an_update_with_another_unit_or_direction_is_refused(tmp_path, capsys):
-    paths = []
-    for k, gains in enumerate((1.0, np.array([4.0, 4.0, 4.0, 1.0, 1.0, 1.0]), 100.0)):
-        samples = recorded(gains, seed=k)
-        paths.append(str(tmp_path / f'{k}.mcap'))
-        write_bag(paths[-1], [joint_states(samples)])
-    model = tmp_path / 'arm.json'
-    assert main(['fit', paths[0], '--formulation', 'chain', '-o', str(model)]) == 0
-    before = model.read_bytes()
-    capsys.readouterr()
-    assert main(['update', paths[1], '--model', str(model)]) == 1
+def test_an_update_with_another_unit_or_direction_is_refused(model, tmp_path, capsys):
+    paths = [str(tmp_path / f'{k}.mcap') for k in range(2)]
+    for k, gains in enumerate((np.array([4.0, 4.0, 4.0, 1.0, 1.0, 1.0]), 100.0)):
+        write_bag(paths[k], [joint_states(recorded(gains, seed=k + 1))])
+    file = tmp_path / 'arm.json'
+    save_model(file, model)
+    before = file.read_bytes()
+    assert main(['update', paths[0], '--model', str(file)]) == 1
     error = capsys.readouterr().err
     assert 'gains disagree' in error and 'A payload changes no axis, no gain' in error
     # Relative to joints that agree with the model.
-    assert f'{ARM.joints[1]}=0.2' in error and model.read_bytes() == before
+    assert f'{ARM.joints[1]}=0.2' in error and file.read_bytes() == before
     # The vertical axis carries no gravity: its friction is four times that of the model.
     assert f'{ARM.joints[0]} has 3.99 times' in error and 'by its friction' in error
-    assert main(['update', paths[2], '--model', str(model)]) == 1
+    assert main(['update', paths[1], '--model', str(file)]) == 1
     error = ' '.join(capsys.readouterr().err.split())
     assert re.search('efforts of every joint are (99.[5-9]|100) times those of the earlier', error)
-    assert f'{ARM.joints[0]}=0.01,' in error and model.read_bytes() == before
+    assert f'{ARM.joints[0]}=0.01,' in error and file.read_bytes() == before
     # Neither does a payload reverse an axis.
     sign = np.array([1, 1, -1, 1, 1, 1])
     samples = recorded(arm=HEAVY, seed=1)
-    write_bag(paths[1], [joint_states(replace(samples, q=sign * samples.q, qd=sign * samples.qd,
+    write_bag(paths[0], [joint_states(replace(samples, q=sign * samples.q, qd=sign * samples.qd,
                                               tau=sign * samples.tau))])
-    assert main(['update', paths[1], '--model', str(model)]) == 1
+    assert main(['update', paths[0], '--model', str(file)]) == 1
     error = capsys.readouterr().err
     assert f'--reverse {ARM.joints[2]}' in error and 'the earlier model' in error
-    assert main(['update', paths[1], '--model', str(model), '--reverse', ARM.joints[2]]) == 0
+    assert main(['update', paths[0], '--model', str(file), '--reverse', ARM.joints[2]]) == 0
 
 
 def test_a_payload_that_doubles_all_gravity_is_no_unit():
@@ -273,10 +276,10 @@ def test_a_payload_that_doubles_all_gravity_is_no_unit():
         assert fact.values['elbow'] == pytest.approx(100.0, rel=0.02)
 
 
-def test_a_gain_that_no_payload_explains_is_refused_by_update_alone():
+def test_a_gain_that_no_payload_explains_is_refused_by_update_alone(model):
     gains = np.ones(6)
     gains[2] = 1.3
-    model, samples = fit(recorded()).model, recorded(gains, arm=HEAVY, seed=1)
+    samples = recorded(gains, arm=HEAVY, seed=1)
     (fact,) = torque_facts(samples, None, model, min_ratio=OPTIONS.min_error)
     assert fact.values == {ARM.joints[2]: pytest.approx(1.3, rel=0.02)}
     # `diagnose` has an effect for it.

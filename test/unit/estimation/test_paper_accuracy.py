@@ -89,14 +89,6 @@ def test_features_are_few_and_include_the_true_ones(truth, formulation):
         np.testing.assert_allclose(weights, truth[large, joint], atol=0.2)
 
 
-def test_the_small_motion_with_a_potential():
-    result = fit(small_motion(), FitOptions('potential'))
-    print('potential: RMSE in N·m of J1 to J7, later:', np.round(rmse(result, LATER), 3),
-          'anywhere:', np.round(rmse(result, ANYWHERE), 3))
-    assert rmse(result, LATER).max() <= 0.05
-    assert rmse(result, ANYWHERE).max() <= 1.2
-
-
 def test_the_small_motion_with_inertia():
     # Trained on torque with inertia. Up to 0.05 N·m (RMS) of it is no gravity.
     result = fit(small_motion(static=False))

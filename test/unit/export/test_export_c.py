@@ -96,37 +96,28 @@ def effects_at(model, q, qd):
 @pytest.mark.parametrize('kind, compiler', [
     *((kind, 'c99') for kind in KINDS), ('chain', 'c++17')])
 def test_ten_thousand_poses_agree_with_python(kind, compiler, tmp_path):
-    model = model_of(kind)
+    model = with_effects(model_of(kind))
     library, (q, qd) = compiled(model, tmp_path, compiler), poses(10 ** 4)
     expected = model.predict(q)
     assert np.abs(expected).max() > 30.0
     np.testing.assert_allclose(library.gravity(q), expected, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(library.static(q), library.gravity(q))
-    np.testing.assert_array_equal(library.friction(q, qd), 0.0)
+    static = replace(model, applied=replace(model.applied, effects=tuple(
+        effect for effect in model.applied.effects if effect.name in STATIC)))
+    np.testing.assert_allclose(library.static(q), expected + effects_at(static, q, qd),
+                               rtol=0, atol=1e-9)
+    np.testing.assert_allclose(library.static(q) + library.friction(q, qd),
+                               expected + effects_at(model, q, qd), rtol=0, atol=1e-9)
     np.testing.assert_allclose(library.distance(q), model.coverage.distance(q).max(axis=1),
                                rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize('kind', KINDS)
-def test_single_precision(kind, tmp_path):
-    model = with_effects(model_of(kind))
+def test_single_precision(tmp_path):
+    model = with_effects(model_of('chain'))
     library, (q, qd) = compiled(model, tmp_path, 'float'), poses(2000)
     # A speed of a few millirad/s over a width of the same size: rounding of q alone is 1e-7 rad.
     assert np.abs(library.gravity(q) - model.predict(q)).max() < 1e-3
     assert np.abs(library.static(q) + library.friction(q, qd) - model.predict(q)
                   - effects_at(model, q, qd)).max() < 3e-3
-
-
-@pytest.mark.parametrize('kind', KINDS)
-def test_effects_agree_with_python(kind, tmp_path):
-    model = with_effects(model_of(kind))
-    library, (q, qd) = compiled(model, tmp_path), poses(10 ** 4)
-    static = replace(model, applied=replace(model.applied, effects=tuple(
-        effect for effect in model.applied.effects if effect.name in STATIC)))
-    np.testing.assert_allclose(library.static(q), model.predict(q) + effects_at(static, q, qd),
-                               rtol=0, atol=1e-9)
-    np.testing.assert_allclose(library.static(q) + library.friction(q, qd),
-                               model.predict(q) + effects_at(model, q, qd), rtol=0, atol=1e-9)
 
 
 def test_each_effect_alone_agrees(tmp_path):
@@ -165,8 +156,9 @@ def test_effects_without_a_law_are_left_out_by_name(tmp_path):
     # The first three depend on time or on the path, the others are not those of the library.
     assert [why.startswith('it has no law') for why in code.left_out.values()] == [
         *3 * [True], *3 * [False]]
-    library, (q, _) = compiled(model, tmp_path), poses(5)
+    library, (q, qd) = compiled(model, tmp_path), poses(5)
     np.testing.assert_array_equal(library.static(q), library.gravity(q))
+    np.testing.assert_array_equal(library.friction(q, qd), 0.0)
     assert parameters_of(model).layout == parameters_of(model_of('chain')).layout
     assert 'torque_drift:joint 0' in code.header
 

@@ -7,7 +7,7 @@ from bench.shared.recordings import write_folder
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.fact import Action, Kind
 from gravity_comp_ros.facts.motion import describe
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.cleaning import NOT_FINITE
@@ -283,15 +283,6 @@ def test_messages_of_the_driver_without_effort_are_no_second_publisher(tmp_path,
     recording = read_bag(write_folder(tmp_path / 'bag', {'/joint_states': rows}))
     assert facts(recording, Kind.PUBLISHER) == []
     assert recording.report.dropped == {NOT_FINITE: 500 // every}
-
-
-def test_facts_have_json_and_sentences():
-    fact = Fact(Kind.SPIKES, ('a',), 'spikes in a', Action.LEFT_OUT, '3 left out', '--accept x',
-                {'a': 3.0})
-    assert fact.sentence == 'spikes in a: 3 left out (--accept x)'
-    assert fact.to_json() == {
-        'kind': 'effort_spikes', 'joints': ['a'], 'evidence': 'spikes in a', 'action': 'left_out',
-        'done': '3 left out', 'option': '--accept x', 'values': {'a': 3.0}}
 
 
 ARM = arms.iiwa7()

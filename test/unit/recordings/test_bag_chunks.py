@@ -190,21 +190,6 @@ def decoded_alone(raw):
     return next(decode(batch), None)
 
 
-@given(messages)
-@example((0, [], [], [], [], ''))
-@example((10**18, ['a'], [], [1.0], [], 'b'))
-def test_rosbags_decodes_our_messages(message):
-    stamp, joints, position, velocity, effort, frame = message
-    decoded = STORE.deserialize_cdr(encode(stamp, joints, position, velocity, effort, frame),
-                                    JOINT_STATE)
-    assert decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec == stamp
-    assert decoded.header.frame_id == frame
-    assert decoded.name == joints
-    np.testing.assert_array_equal(decoded.position, position)
-    np.testing.assert_array_equal(decoded.velocity, velocity)
-    np.testing.assert_array_equal(decoded.effort, effort)
-
-
 @given(messages, st.booleans())
 def test_we_decode_messages_of_rosbags(message, little):
     raw = STORE.serialize_cdr(rosbags_message(*message), JOINT_STATE, little_endian=little)

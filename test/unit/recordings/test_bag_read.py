@@ -4,7 +4,7 @@ import re
 import shutil
 
 from bench.shared.recordings import check_motion, messages, motion, NAMES, START_NS, write_folder
-from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import BagError, ModelMismatchError
 from gravity_comp_ros.facts.fact import Action
 from gravity_comp_ros.recordings import cleaning, joint_columns
@@ -306,20 +306,6 @@ def test_an_isolated_sample_is_dropped(tmp_path):
     recording = read_bag(recorded(tmp_path, rows))
     assert dict(recording.report.dropped) == {cleaning.ISOLATED: 1}
     assert len(recording.samples) == 99
-
-
-def test_several_bags_are_several_runs(tmp_path):
-    first = write_folder(tmp_path / 'one', {'/joint_states': messages(30)})
-    reversed_names = messages(40)
-    for _, content in reversed_names:
-        for field in ('names', 'position', 'velocity', 'effort'):
-            content[field] = content[field][::-1]
-    second = write_folder(tmp_path / 'two', {'/joint_states': reversed_names}, 'mcap')
-    both = concatenate(read_bag(path).samples for path in (first, second))
-    assert both.names == NAMES
-    assert both.run_labels == ('one', 'two')
-    assert [len(run) for run in both.each_run()] == [30, 40]
-    np.testing.assert_array_equal(both.run(1).q, motion(40)[1])
 
 
 def topic(name, effort=TAU):

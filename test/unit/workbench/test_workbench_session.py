@@ -19,8 +19,7 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.model_file import model_text
 from gravity_comp_ros.recordings.bag import ReadOptions
-from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
-from gravity_comp_ros.report import markup
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import Job, new_worker, Step
@@ -180,16 +179,6 @@ def test_fast_recordings_give_a_warning_and_all_samples_can_be_used(tmp_path):
     assert '--all-samples' in session.commands()[0]
     session.evaluate(replace(session.choice, gate=GateOptions()))
     assert 'keeps only' in results.slow_warning()
-
-
-def test_a_recording_without_efforts_is_reported(tmp_path):
-    samples = two_links(1)
-    write_bag(tmp_path / 'silent.mcap', [JointTopic(
-        '/joint_states', samples.names, samples.t, samples.q, samples.qd,
-        np.full_like(samples.tau, np.nan))])
-    session = worked(session_of(tmp_path / 'silent.mcap'))
-    assert 'effort is missing, NaN' in session.error
-    assert markup.text(session.error) in status_html(Results(session))
 
 
 def test_what_fit_refuses_is_refused_until_a_setting_corrects_or_accepts_it(tmp_path):
