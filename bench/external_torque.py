@@ -4,13 +4,13 @@ External torque in MuJoCo: alarms in free motion, and pushes of known force at k
 
     OPENBLAS_NUM_THREADS=1 python3 -m bench.external_torque [--seeds 11 12 13] [--minutes 20]
 
-A controller moves an arm with friction slowly for 75 s, and a model is fitted (with `--plain`
-without the robot description). The same arm then moves freely, with stops and at up to 0.26 rad/s,
-for some minutes with other noise. Then a force pushes the centre of a random link in a random
-direction for 0.3 s every 2 s. Its size is such that the largest torque of a joint is `--size`
-published standard deviations at its start, which is 1 ms after a message. Everything passes
-through `external_torque`, as in the node. The options were chosen with the seeds 1 to 3, the range
-of friction at rest with 38 and 39; other seeds judge. An hour of motion takes three minutes.
+A controller moves an arm with friction slowly for 75 s, and a model is fitted. The same arm then
+moves freely, with stops and at up to 0.26 rad/s, for some minutes with other noise. Then a force
+pushes the centre of a random link in a random direction for 0.3 s every 2 s. Its size is such that
+the largest torque of a joint is `--size` published standard deviations at its start, which is 1 ms
+after a message. Everything passes through `external_torque`, as in the node. The options were
+chosen with the seeds 1 to 3, the range of friction at rest with 38 and 39; other seeds judge. An
+hour of motion takes three minutes.
 """
 
 from __future__ import annotations
@@ -87,14 +87,14 @@ class Pushed:
         return Push(self.step * STEP, body, scale * force, scale * torque, std)
 
 
-def fitted(build: str, seed: int, is_plain: bool) -> gc.Model:
+def fitted(build: str, seed: int) -> gc.Model:
     """Return the model of an arm's slow motion."""
     arm = MujocoArm(build, None, seed)
     recording = gc.Recording(record(arm, SlowPath.random(len(arm.joints), seed), 0.0, TRAINING))
     with tempfile.TemporaryDirectory() as folder:
         description = Path(folder) / 'arm.urdf'
         description.write_text(urdf(arm.links))
-        return gc.fit(recording, urdf=None if is_plain else description)
+        return gc.fit(recording, urdf=description)
 
 
 def free(model: gc.Model, build: str, seed: int, rate: float,
@@ -145,12 +145,11 @@ def main() -> None:
     parser.add_argument('--minutes', type=float, default=20.0, help='free motion of each arm')
     parser.add_argument('--pushes', type=int, default=50, help='of each arm')
     parser.add_argument('--size', type=float, default=5.0, help='standard deviations')
-    parser.add_argument('--plain', action='store_true', help='no robot description')
     args = parser.parse_args()
     alarms, hours, times, forces = 0, 0.0, [], []
     for build in args.builds:
         for seed in args.seeds:
-            model = fitted(build, seed, args.plain)
+            model = fitted(build, seed)
             count, known, ratio = free(model, build, seed, args.rate, args.minutes)
             detected = pushes(model, build, seed, args.rate, args.pushes, args.size)
             late = np.array([time for time, _ in detected])

@@ -90,22 +90,14 @@ def _text(values: tuple[float, ...]) -> str:
 
 
 class MujocoArm:
-    """
-    An arm with torque input; `seed` is that of the sensor noise.
+    """An arm with torque input; `seed` is that of the sensor noise."""
 
-    Its base is rotated by `mount` degrees (90 on a wall, 180 on a ceiling) about an axis in the
-    xy plane. The URDF is not rotated.
-    """
-
-    def __init__(self, build: str, load: Load | None = None, seed: int = 0,
-                 mount: float = 0.0) -> None:
+    def __init__(self, build: str, load: Load | None = None, seed: int = 0) -> None:
         self.links = BUILDS[build]
         self.joints = tuple(f'joint_{k + 1}' for k in range(len(self.links)))
         self.model = mujoco.MjModel.from_xml_string(urdf(self.links, load))
         self.model.opt.timestep = STEP
-        angle = np.radians(mount)
-        self.model.opt.gravity[:] = GRAVITY * np.array(
-            [-0.8 * np.sin(angle), 0.6 * np.sin(angle), -np.cos(angle)])
+        self.model.opt.gravity[:] = 0.0, 0.0, -GRAVITY
         self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.model.dof_armature[:] = 0.1

@@ -1,14 +1,13 @@
 """
 Drift of an arm in MuJoCo that the torque of the running node supports, over DDS.
 
-    OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.closed_loop [--seeds 3] [--described]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.closed_loop [--seeds 3] [--first 2]
 
 A controller moves the arm slowly for 75 s without a load, while the node learns. Then 2 kg are
 attached to the flange, `~/payload_changed` is called, and the arm moves slowly for 15 s and for 75
 s. After each stage the arm is set at rest at random poses within the range of the motion, and
 `~/gravity_torques` alone supports it for 5 s. Drift is the largest rotation of any joint in
-degrees. With `--mount` the arm is on a wall (90 degrees) or a ceiling (180) and its URDF is
-upright. The node has its default parameters except `unlimited_torque`. Friction of 1 N·m per joint
+degrees. The node has its default parameters except `unlimited_torque`. Friction of 1 N·m per joint
 holds the arm, so only a larger torque error moves it.
 """
 
@@ -16,13 +15,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 import time
 
-from bench.closed_loop.arm import BUILDS, Controller, Load, MujocoArm, SlowPath, STEP, urdf
+from bench.closed_loop.arm import BUILDS, Controller, Load, MujocoArm, SlowPath, STEP
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
 RATE = 100.0
 # Time for which the node's torque alone supports the arm, s.
 SUPPORTED = 5.0
@@ -32,10 +29,10 @@ LOAD = Load(2.0)
 class Rig:
     """An arm with its joint states, moved by a controller or supported by the node."""
 
-    def __init__(self, probe, build: str, seed: int, mount: float = 0.0) -> None:
-        self.probe, self.build, self.seed, self.mount = probe, build, seed, mount
+    def __init__(self, probe, build: str, seed: int) -> None:
+        self.probe, self.build, self.seed = probe, build, seed
         self.path = SlowPath.random(len(BUILDS[build]), seed)
-        self.arm = MujocoArm(build, None, seed, mount)
+        self.arm = MujocoArm(build, None, seed)
         self.control = Controller(len(self.arm.joints))
         self.stamp, self.begun = 0.0, time.monotonic()
         self.low = np.full(len(self.arm.joints), np.inf)
@@ -45,7 +42,7 @@ class Rig:
     def attach(self, load: Load) -> None:
         """Attach a load to the flange."""
         q = self.arm.q
-        self.arm = MujocoArm(self.build, load, self.seed + 100, self.mount)
+        self.arm = MujocoArm(self.build, load, self.seed + 100)
         self.arm.place(q)
 
     def move(self, start: float, duration: float) -> None:
@@ -104,16 +101,12 @@ class Rig:
         self.probe.spin(max(remaining, 1e-3))
 
 
-def measure(build: str, seed: int, described: bool, poses: int,
-            mount: float) -> dict[str, list[float]]:
+def measure(build: str, seed: int, poses: int) -> dict[str, list[float]]:
     """Return the drifts of one arm at each stage."""
     from bench.shared.ros_harness import running
-    parameters: dict[str, object] = {'unlimited_torque': True}
-    if described:
-        parameters['robot_description'] = "'" + urdf(BUILDS[build]).replace('\n', '') + "'"
     drifts: dict[str, list[float]] = {}
-    with running(parameters) as (_, probe):
-        rig = Rig(probe, build, seed, mount)
+    with running({'unlimited_torque': True}) as (_, probe):
+        rig = Rig(probe, build, seed)
         rng = np.random.default_rng([seed, 9])
 
         def stage(name: str) -> None:
@@ -143,17 +136,14 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=3)
     parser.add_argument('--poses', type=int, default=5)
     parser.add_argument('--build', nargs='+', default=list(BUILDS))
-    parser.add_argument('--described', action='store_true')
-    parser.add_argument('--mount', type=float, default=0.0, help='degrees')
     parser.add_argument('--first', type=int, default=0, help='first seed')
     args = parser.parse_args()
     for build in args.build:
-        rows = [measure(build, seed, args.described, args.poses, args.mount)
-                for seed in range(args.first, args.seeds)]
+        rows = [measure(build, seed, args.poses) for seed in range(args.first, args.seeds)]
         for stage in rows[0]:
             drifts = np.concatenate([row[stage] for row in rows])
-            print(f'{build} {"with" if args.described else "without"} description, {stage}: '
-                  f'median {np.median(drifts):.2f}, worst {drifts.max():.2f} degrees', flush=True)
+            print(f'{build}, {stage}: median {np.median(drifts):.2f}, worst {drifts.max():.2f} '
+                  'degrees', flush=True)
 
 
 if __name__ == '__main__':

@@ -12,7 +12,6 @@ from gravity_comp_ros.simulation.arms import Arm, from_urdf, gravity_torque, iiw
 from gravity_comp_ros.simulation.motions import eq17, Motion, multisine, MultisineOptions
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
 NOISE = 0.1
 # Masses of the links in kg and centres of mass in m, in the frames of the joints.
 _SIX = ((7.8, '0 0 0'), (12.9, '-0.3 0 0.17'), (3.9, '-0.28 0 0.05'), (2.0, '0 -0.05 0'),
@@ -21,11 +20,10 @@ _SIX = ((7.8, '0 0 0'), (12.9, '-0.3 0 0.17'), (3.9, '-0.28 0 0.05'), (2.0, '0 -
 
 @dataclass(frozen=True)
 class TestArm:
-    """An arm, its description, and its slow motion of a duration and a rate from a start, s."""
+    """An arm, and its slow motion of a duration and a rate from a start, s."""
 
     __test__ = False
     arm: Arm
-    description: str
     motion: Callable[[float, float, float], Motion]
 
     def recording(self) -> JointSamples:
@@ -38,7 +36,7 @@ class TestArm:
 
 def seven() -> TestArm:
     """Return the iiwa with the motion of Eq. (17) of Yu 2022."""
-    return TestArm(iiwa7(), (ROOT / 'bags' / 'iiwa7.urdf').read_text(), eq17)
+    return TestArm(iiwa7(), eq17)
 
 
 def six() -> TestArm:
@@ -57,7 +55,7 @@ def six() -> TestArm:
     def motion(seconds: float, rate: float, start: float) -> Motion:
         return multisine(lower, upper, np.full(6, 1.0), 3, MultisineOptions(max_speed=0.12),
                          seconds, rate, start)
-    return TestArm(arm, text, motion)
+    return TestArm(arm, motion)
 
 
 ARMS = {'seven': seven, 'six': six}

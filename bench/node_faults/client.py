@@ -9,7 +9,6 @@ at the pose of its stamp.
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 import time
 
 from bench.node_faults.arms import NOISE, seven, TestArm
@@ -19,7 +18,6 @@ from gravity_comp_ros.node.feedforward import RAMPING
 from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
 # Time between messages, and between their stamps, s.
 PERIOD, STEP = 0.006, 0.2
 # Rate of joint states of an arm that is guided by hand, Hz.
@@ -36,17 +34,6 @@ PARAMETERS: dict[str, object] = {
     'formulation': 'auto'}
 
 Corruption = Callable[[FloatArray, np.random.Generator], FloatArray]
-
-
-def describe(probe, text: str) -> None:
-    """Publish a robot description, latched."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from std_msgs.msg import String
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    publisher = probe.create_publisher(String, 'robot_description', latched)
-    publisher.publish(String(data=text))
-    probe.until(lambda: publisher.get_subscription_count() > 0)
-    probe.spin(0.5)
 
 
 def healthy(tau: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -2,14 +2,14 @@
 """
 Faults injected into the running node over DDS; each published torque is compared with the truth.
 
-    python3 -m bench.node_faults.run [--seeds 1] [--only TEXT] [--axes] [--arm six]
+    python3 -m bench.node_faults.run [--seeds 1] [--only TEXT] [--arm six]
 
 With one seed these are 42 recordings of broken effort (14 kinds, 3 lengths; 126 with three seeds),
 20 real payloads (ten seeds, on and off the axis), 4 with an intermittent brake, 3 unannounced
 ones, ten minutes of contacts, 3 arms guided by hand, and 15 faults of input, clock and pauses.
-`--axes` publishes the URDF of the arm; `--arm six` is an arm with six axes instead of an iiwa. A
-fault fails if a torque error exceeds that of the old model by more than 1 N·m, a step exceeds the
-rate limit, a model of broken effort is in use at the end, or the node does not report the fault.
+`--arm six` is an arm with six axes instead of an iiwa. A fault fails if a torque error exceeds
+that of the old model by more than 1 N·m, a step exceeds the rate limit, a model of broken effort
+is in use at the end, or the node does not report the fault.
 """
 
 from __future__ import annotations
@@ -25,19 +25,14 @@ from typing import Any
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.model_file import load_model, save_model
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
 
-
-def run_faults(faults: list[Any], path: Path, description: str, test_arm: Any) -> list[str]:
+def run_faults(faults: list[Any], path: Path, test_arm: Any) -> list[str]:
     """Inject faults into one process; return the failures."""
-    from bench.node_faults.client import describe, PARAMETERS, Player
+    from bench.node_faults.client import PARAMETERS, Player
     from bench.shared.ros_harness import running
     failed = []
     parameters = {**PARAMETERS, 'model_file': path, **faults[0].parameters}
     with running(parameters) as (node, probe):
-        if description and parameters.get('robot_description') != 'off':
-            describe(probe, description)
         for fault in faults:
             start = time.monotonic()
             player = Player(probe, load_model(path), test_arm=test_arm)
@@ -70,19 +65,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--only', default='')
-    parser.add_argument('--axes', action='store_true')
     parser.add_argument('--arm', choices=list(ARMS), default='seven')
     args = parser.parse_args()
     test_arm = ARMS[args.arm]()
     faults = [fault for fault in all_faults(args.seeds) if args.only in fault.name]
-    description = test_arm.description if args.axes else ''
     failed: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'model.json'
         save_model(path, fit(test_arm.recording(), FitOptions(formulation='chain')).model)
         for _, group in groupby(faults, key=lambda fault: sorted(
                 (name, str(value)) for name, value in fault.parameters.items())):
-            failed += run_faults(list(group), path, description, test_arm)
+            failed += run_faults(list(group), path, test_arm)
     print(f'{len(faults)} faults, {len(failed)} failures')
     return 1 if failed else 0
 

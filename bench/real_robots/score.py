@@ -56,21 +56,17 @@ class Score:
     Score of one case.
 
     `missed` and `false` are effects as `NAME:NUMBER`, joints from 1; `tied` are the truths that
-    are named only as one of several alternatives, `open` all findings that are not accepted.
-    `error` and `static` are figures of the worst joints, as in `Bounds`; `error_joint` is from 1;
-    `errors` are those of all joints, `oracle` those of the oracle. `why` is empty for a right case
-    (bounds `STRICT`), `why_oracle` for one within the bounds `LUGRE`.
+    are named only as one of several alternatives. `error` and `static` are figures of the worst
+    joints, as in `Bounds`; `errors` are those of all joints, `oracle` those of the oracle. `why`
+    is empty for a right case (bounds `STRICT`), `why_oracle` for one within the bounds `LUGRE`.
     """
 
     missed: tuple[str, ...]
     false: tuple[str, ...]
     tied: tuple[str, ...]
-    open: tuple[str, ...]
     error: float
-    error_joint: int
     errors: tuple[float, ...]
     static: float
-    static_joint: int
     oracle: tuple[float, ...] | None
     intervals: tuple[Coverage, ...]
     why: tuple[str, ...]
@@ -114,10 +110,8 @@ def score(one: Case, findings: Sequence[Mapping[str, Any]], torque: FloatArray,
     names = (*(f'missed {name}' for name in missed), *(f'false {name}' for name in false))
     why = [(*names, *_beyond(bounds, errors, reference, float(rms.max())))
            for bounds in (STRICT, LUGRE)]
-    return Score(tuple(missed), tuple(false), tuple(tied),
-                 tuple(str(f) for f in parsed if not f.accepted), float(errors.max()),
-                 int(errors.argmax()) + 1, tuple(map(float, errors)), float(rms.max()),
-                 int(rms.argmax()) + 1,
+    return Score(tuple(missed), tuple(false), tuple(tied), float(errors.max()),
+                 tuple(map(float, errors)), float(rms.max()),
                  None if of_oracle is None else tuple(map(float, of_oracle)),
                  tuple(_intervals(one, [f for f in parsed if f.accepted])), *why)
 
