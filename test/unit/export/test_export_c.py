@@ -120,23 +120,6 @@ def test_single_precision(tmp_path):
                   - effects_at(model, q, qd)).max() < 3e-3
 
 
-def test_each_effect_alone_agrees(tmp_path):
-    """The coefficients of the others are 0, as parameters of one library."""
-    model, (q, qd) = model_of('potential', 4), poses(200)
-    library = compiled(with_effects(model), tmp_path, 'unoptimised')
-    for effect in EFFECTS:
-        alone = with_effects(model, [
-            (*other[:3], other[3] if other is effect else dict.fromkeys(other[3], 0.0))
-            for other in EFFECTS])
-        parameters = parameters_of(alone)
-        assert library.set_parameters(parameters.values, parameters.layout) == 0
-        expected = effects_at(alone, q, qd)
-        assert np.abs(expected).max() > 0.1, effect
-        np.testing.assert_allclose(library.static(q) + library.friction(q, qd)
-                                   - library.gravity(q), expected, rtol=0, atol=1e-9,
-                                   err_msg=str(effect))
-
-
 def test_every_law_is_of_an_effect_in_the_library_and_tested():
     assert set(STATIC) | set(FRICTION) == {effect[0] for effect in EFFECTS}
     assert set(STATIC) | set(FRICTION) <= set(library_effects())
