@@ -147,6 +147,16 @@ def test_the_samples_are_those_of_the_gate_of_the_fit(bags, tmp_path, capsys):
         assert (gate['max_speed'], gate['rate_hz']) == expected
 
 
+def test_an_ambiguous_effect_is_added_and_reported_as_ambiguous(bags, tmp_path, capsys):
+    path = tmp_path / 'm.json'
+    run_json(capsys, 'fit', bags['one_way'], '-o', path)
+    result = add(capsys, 'torque_offset:shoulder', path, bags['one_way'])
+    assert result['added'] == ['torque_offset:shoulder']
+    assert [(finding['effect'], finding['joint']) for finding in result['ties']] == [
+        ('torque_offset', 'shoulder')]
+    assert 'coulomb_friction' in result['ties'][0]['rivals'] and result['ties'][0]['settled_by']
+
+
 def test_an_effect_that_is_not_installed_is_reported(bags, model, capsys):
     loaded = load_model(model)
     strange = AppliedEffect('ghost_torque', 'elbow', {}, {'x': Value(1.0, 'N·m', (0.9, 1.1))})

@@ -102,7 +102,8 @@ def test_a_different_effort_scale_than_in_the_fit_gives_a_warning(bags, model, s
 
     later, out = bags['later'], str(tmp_path / 'out.mcap')
     for verb in (['compare', later, '--json'], ['replay', later, '-o', out],
-                 ['diagnose', later, '--effects', 'torque_offset']):
+                 ['diagnose', later, '--effects', 'torque_offset'],
+                 ['add', 'torque_offset', later, '--dry-run']):
         (line,) = warnings(*verb, '--model', scaled)
         assert line == ('warning: the model was fitted with another effort scale of elbow: '
                         'unless the driver has changed, use --effort-scale elbow=-2')

@@ -111,7 +111,7 @@ def test_no_cell_and_no_word_of_a_heading_is_cut(width, monkeypatch, capsys):
     for word in (name, '1.25', '-0.5', 'RMSE', 'training', 'coefficients', *text.split()):
         assert word in output
     if width is None:  # in a pipe each joint has one row
-        assert any(name in line and '-0.5' in line for line in output.splitlines())
+        assert any(name in line and text in line for line in output.splitlines())
     else:
         assert max(cell_len(line.rstrip()) for line in output.splitlines()) <= max(width, 79)
 
@@ -121,6 +121,14 @@ def test_a_command_is_never_broken(capsys, monkeypatch):
     command = 'gravity_comp fit ' + ' '.join(f'run_{n}.mcap' for n in range(20))
     terminal.show(terminal.command(command))
     assert capsys.readouterr().out == f'  {command}\n'
+
+
+def test_a_name_neither_formats_nor_controls_the_terminal(capsys):
+    name = '[red]\x1b[31mevil\n'
+    terminal.show(terminal.table('', ['joint'], [[name]]), terminal.command(name), name)
+    terminal.note(name)
+    printed = ''.join(capsys.readouterr())
+    assert printed.count('[red]\\x1b[31mevil') == 4 and '\x1b' not in printed
 
 
 @pytest.mark.parametrize('delay, lines', [

@@ -250,6 +250,14 @@ def test_other_recordings_without_a_clock_have_the_last_payload():
                 change_factor(motion, setting)[motion.samples.runs == 1])
 
 
+def test_change_points_are_starts_of_runs_and_times_within_them():
+    motion = clean_motion('six_axis')
+    points = known_effect('payload_change').settings(motion, 0)
+    places = [(p['run'], p['time']) for p in points]
+    assert (2.0, 0.0) in places and (3.0, 0.0) in places and (1.0, 0.0) not in places
+    assert all(0 <= p['time'] < 100.0 for p in points) and len(points) == 11
+
+
 @pytest.mark.parametrize('name', ['encoder_offset', 'base_tilt', 'payload_change'])
 def test_a_change_has_motion_before_and_after_it(name):
     # At the end of a recording the effect would be a part of gravity.

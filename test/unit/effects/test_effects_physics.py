@@ -1,6 +1,7 @@
 """Effects of the library against independent physics: Pinocchio, or textbook formulas."""
 
 from dataclasses import replace
+import re
 
 from bench.shared.effect_motions import (
     arm_of, clean_motion, least_squares, motion_on, motions_of, NOISE,
@@ -146,6 +147,13 @@ def test_payload_is_that_of_a_mass_at_the_last_link(name):
     assert len(symbols) == len(solution) == len(by_hand)
     np.testing.assert_allclose((columns @ (solution - by_hand)), 0.0, atol=1e-6)
     assert free.sum() >= 2 * motion.samples.n_joints - 2
+
+
+def test_a_tool_force_on_a_joint_depends_on_later_joints_alone():
+    """Otherwise it would have features of gravity."""
+    for each in EFFECTS['tool_force'].coefficients_of(clean_motion('iiwa7'), 0, {}):
+        joint, feature = re.fullmatch(r'f_(\d)\[(.*)\]', each.symbol).groups()
+        assert all(factor > joint for factor in re.findall(r'[sc](\d)', feature))
 
 
 def test_tool_force_is_that_of_the_jacobian_on_the_last_joints():
