@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 
 from gravity_comp_ros.evaluation.expected_residual import expected_residual
 from gravity_comp_ros.node.arm import Arm, NO_LIMITS
-from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.checks import ERROR, OK, STALE, WARN
+from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.learner import Learner
 from gravity_comp_ros.node.messages import FAULTS
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.options import CHECKS, NODE
 from gravity_comp_ros.node.watch import Watch
+
 
 @dataclass(frozen=True)
 class Status:

@@ -179,8 +179,9 @@ class Learner:
         elif not result.accepted:
             self.level, self.report = WARN, text
         elif outliers:
-            self.level, self.report = WARN, (f'samples left out as outliers: {outliers} (an '
-                                                'intermittent brake, or a contact with the arm)')
+            self.level, self.report = WARN, (
+                f'samples left out as outliers: {outliers} (an intermittent brake, or a contact '
+                f'with the arm)')
         if result.accepted:
             self._use(result, now)
         job.reply(result.accepted, text)
