@@ -7,7 +7,7 @@ The score is a function of the case and of the estimator's output alone: finding
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -151,70 +151,39 @@ def _intervals(one: Case, accepted: Sequence[Finding]) -> list[Coverage]:
 
 
 Result = Mapping[str, Any]
-_HEAD = ('case', 'friction', 'hidden', 'named', 'error', 'before', 'oracle', 'static %',
-         's', 'result')
+_HEAD = ('case', 'friction', 'hidden', 'error', 'before', 'oracle', 'static %', 's', 'result')
 
 
 def table(results: Sequence[Result]) -> str:
-    """Return the cases and totals as Markdown."""
-    return '\n'.join([stored.table(_HEAD, map(_row, results)), '', *totals(results), ''])
+    """Return the cases as Markdown, and the totals, one sentence a line."""
+    return '\n'.join([stored.table(_HEAD, map(_row, results)), '', *_totals(results), ''])
 
 
-def totals(results: Sequence[Result]) -> list[str]:
-    """Return the counts and the worst cases, one sentence a line."""
-    n = len(results)
+def _totals(results: Sequence[Result]) -> list[str]:
     done = [r for r in results if 'error' in r]
     right, of_oracle = (sum(not r[key] for r in results) for key in ('why', 'why_oracle'))
-    out = [f'{right} of {n} right; with 1.25 x oracle on joints with LuGre friction: {of_oracle} '
-           f'of {n}.']
-    if not done:
-        return out
-    hidden = sum(len(r['hidden']) for r in done)
-    missed, tied = (sum(len(r[key]) for r in done) for key in ('missed', 'tied'))
-    out.append(f'Of {hidden} effects {hidden - missed - tied} named, {tied} tied, {missed} '
-               f'missed; {sum(len(r["false"]) for r in done)} false findings in '
-               f'{sum(bool(r["false"]) for r in done)} cases; '
-               f'{sum(bool(r["refused"]) for r in done)} additions refused, {n - len(done)} '
-               f'failed.')
-    out.append(_figure(done, 'Error on the unseen run, worst joint', 'x noise',
-                       lambda r: r['error'], 'error_joint'))
-    with_oracle = [r for r in done if r.get('oracle') and r['lugre']]
-    if with_oracle:
-        out.append(_figure(with_oracle, 'With LuGre friction, worst joints of both', 'x oracle',
-                           lambda r: r['error'] / max(r['oracle']), 'error_joint'))
-    out.append(_figure(done, 'Static torque, worst joint', '%',
-                       lambda r: 100 * r['static'], 'static_joint'))
-    intervals = [i for r in done for i in r['intervals']]
-    covered = sum(i['covers'] for i in intervals)
-    by_effect = []
-    for effect in sorted({i['what'].split(':')[0] for i in intervals}):
-        own = [i['covers'] for i in intervals if i['what'].startswith(effect)]
-        by_effect.append(f'{effect} {sum(own)} of {len(own)}')
-    out.append(f'{covered} of {len(intervals)} published 95 % intervals cover'
-               + (f': {", ".join(by_effect)}.' if by_effect else '.'))
-    times = [sum(r['seconds'].values()) for r in done]
-    out.append(f'Processor time: {np.median(times):.1f} s in the median, {max(times):.1f} s at '
-               f'most ({done[int(np.argmax(times))]["case"]}).')
-    return out
-
-
-def _figure(done: Sequence[Result], title: str, unit: str,
-            value: Callable[[Result], float], joint: str) -> str:
-    values = [value(r) for r in done]
-    worst = done[int(np.argmax(values))]
-    return (f'{title}: {np.median(values):.2f} {unit} in the median, {max(values):.2f} {unit} at '
-            f'most ({worst["case"]}, joint {worst[joint]}).')
+    count = {key: sum(len(r[key]) for r in done)
+             for key in ('hidden', 'missed', 'tied', 'false', 'intervals')}
+    covered = sum(i['covers'] for r in done for i in r['intervals'])
+    figures = (('Error on the unseen run, worst joint, x noise', [r['error'] for r in done]),
+               ('Static torque, worst joint, %', [100 * r['static'] for r in done]),
+               ('Processor time, s', [sum(r['seconds'].values()) for r in done]))
+    return [f'{right} of {len(results)} right; with 1.25 x oracle on joints with LuGre friction: '
+            f'{of_oracle}. {len(results) - len(done)} failed.',
+            f'Of {count["hidden"]} effects {count["tied"]} tied, {count["missed"]} missed; '
+            f'{count["false"]} false findings; {sum(bool(r["refused"]) for r in done)} additions '
+            f'refused.',
+            f'{covered} of {count["intervals"]} published 95 % intervals cover.',
+            *(f'{title}: {np.median(values):.2f} in the median, {max(values):.2f} at most.'
+              for title, values in figures if values)]
 
 
 def _row(r: Result) -> list[str]:
+    why = '; '.join(r.get('why', ()))
     if 'error' not in r:
-        return [str(r.get('case', 'not run')), '', '', '', '', '', '', '', '',
-                '; '.join(r.get('why', ()))]
-    named = len(r['hidden']) - len(r['missed'])
-    result = '; '.join([*r['why'], *([f'refused: {r["refused"]}'] if r['refused'] else [])])
+        return [str(r.get('case', 'not run')), *[''] * 7, why]
     return [r['case'], 'LuGre' if r['lugre'] else '', ' '.join(r['hidden']),
-            f'{named}/{len(r["hidden"])}' + (f', {len(r["tied"])} tied' if r['tied'] else ''),
             f'{r["error"]:.2f}', f'{r["before"]:.2f}',
             '' if r.get('oracle') is None else f'{max(r["oracle"]):.2f}',
-            f'{100 * r["static"]:.2f}',
-            f'{sum(r["seconds"].values()):.1f}', result or 'right']
+            f'{100 * r["static"]:.2f}', f'{sum(r["seconds"].values()):.1f}',
+            why + (f' (refused: {r["refused"]})' if r['refused'] else '') or 'right']
