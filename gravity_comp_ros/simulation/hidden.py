@@ -115,10 +115,8 @@ KINDS: dict[str, Kind] = {
                           lambda d, arm, j, x: d.GaugeOffset(j, x), signed=True),
     'torque_gain': Kind('', 'relative error of the torque scale, 0.1 for 10 % too much', 0.1,
                         False, lambda d, arm, j, x: d.GaugeGain(j, 1 + x), signed=True),
-    'torque_drift': Kind(
-        'N·m/s', 'change of the torque signal per second at the start; it fades within 200 s',
-        1.0 / _WARMING, True, lambda d, arm, j, x: d.GaugeDrift(j, x * _WARMING, _WARMING),
-        signed=True),
+    'torque_drift': Kind('N·m', 'change of the torque signal, most of it within 200 s', 1.0, True,
+                         lambda d, arm, j, x: d.GaugeDrift(j, x, _WARMING), signed=True),
     'joint_spring': Kind('N·m/rad', 'torque of a spring balancer 1 rad from its rest, over 1 rad',
                          10.0, False, lambda d, arm, j, x: _spring(d, j, x)),
     'cable_stiffness': Kind('N·m/rad', 'stiffness of a cable that is taut beyond 0.3 rad', 2.0,

@@ -80,7 +80,7 @@ def test_sizes_are_those_of_the_disturbance():
     t = np.linspace(0, 10, 2001)
     still = Signals(np.zeros((2001, 7)), np.zeros((2001, 7)), np.zeros((2001, 7)))
     motion = sample('still', lambda t: (np.zeros((len(t), 7)),) * 3, 10.005, 200.0)
-    drift = hidden('torque_drift:2=0.01', ARM).disturbance
+    drift = hidden('torque_drift:2=2', ARM).disturbance
     rise = drift.apply(still, motion, ARM).tau[:, 1]
     assert np.polyfit(t[:200], rise[:200], 1)[0] == pytest.approx(0.01, rel=0.02)
     spring = hidden('joint_spring:2=8', ARM).disturbance
