@@ -47,37 +47,34 @@ def differentiate(t: ArrayLike, q: ArrayLike, window: float = 0.2) -> FloatArray
     step = float(np.median(steps))
     edges = np.flatnonzero(np.diff(times, prepend=-np.inf, append=np.inf) > _GAP * step)
     for begin, end in zip(edges, edges[1:]):
-        for n in range(positions.shape[1]) if end > begin + 1 else ():
-            # Joint by joint, to limit memory.
-            speed[begin:end, n] = _slope(times[begin:end], positions[begin:end, n], step, window)
+        if end > begin + 1:
+            _set_slopes(speed[begin:end], times[begin:end], positions[begin:end], step, window)
     return speed
 
 
-def _slope(t: FloatArray, q: FloatArray, step: float, window: float) -> FloatArray:
-    """Return the slope (M,) of values (M,) in one stretch without a gap."""
+def _set_slopes(out: FloatArray, t: FloatArray, q: FloatArray, step: float,
+                window: float) -> None:
+    """
+    Set the slopes (M, N) of one stretch without a gap, joint by joint to limit memory.
+
+    `scipy.signal.savgol_filter` is equivalent on a regular grid, but its import is slow.
+    """
     count = max(int(round((t[-1] - t[0]) / step)) + 1, 2)
     grid, spacing = np.linspace(t[0], t[-1], count, retstep=True)
-    regular = np.asarray(np.interp(grid, t, q))
-    if count < 5:
-        return np.asarray(np.interp(t, grid, np.gradient(regular, spacing)))
-    length = max(2 * int(round(window / (2 * spacing))) + 1, 5)
-    slope = _sliding_slope(regular, min(length, count - 1 + count % 2)) / spacing
-    return np.asarray(np.interp(t, grid, slope))
-
-
-def _sliding_slope(q: FloatArray, length: int) -> FloatArray:
-    """
-    Return the slope per row of cubics through `length` rows of q (M,), an odd number.
-
-    `scipy.signal.savgol_filter` is equivalent, but its import is slow.
-    """
+    length = min(max(2 * int(round(window / (2 * spacing))) + 1, 5), count - 1 + count % 2)
     half = length // 2
     powers = np.vander(np.arange(-half, half + 1.0), _ORDER + 1, increasing=True)
-    derivative, cubic = powers[:, :-1] * np.arange(1, _ORDER + 1), np.linalg.pinv(powers)
-    # The first and the last cubic are used up to the ends.
-    return np.concatenate([(derivative @ (cubic[1:] @ q[:length]))[:half],
-                           np.correlate(q, cubic[1]),
-                           (derivative @ (cubic[1:] @ q[-length:]))[-half:]])
+    derivative, cubic = powers[:, :-1] * np.arange(1, _ORDER + 1), np.linalg.pinv(powers)[1:]
+    for n, column in enumerate(q.T):
+        regular = np.interp(grid, t, column)
+        if count < 5:
+            slope = np.gradient(regular)
+        else:
+            # The first and the last cubic are used up to the ends.
+            slope = np.concatenate([(derivative @ (cubic @ regular[:length]))[:half],
+                                    np.correlate(regular, cubic[0]),
+                                    (derivative @ (cubic @ regular[-length:]))[-half:]])
+        out[:, n] = np.interp(t, grid, slope / spacing)
 
 
 # s. Long enough for a motion above the noise of encoders, shorter than a reversal.
