@@ -62,10 +62,9 @@ def run(args: argparse.Namespace) -> int:
     if args.urdf is not None:
         read_text(args.urdf)
         # The same default as `fit`: a chain with --urdf.
-        choice = replace(choice, urdf=str(args.urdf.resolve()),
+        choice = replace(choice, urdf=args.urdf.resolve(),
                          formulation=args.formulation or 'chain')
-    state = State(tuple(args.bags), choice, tuple(map(Stage.of_file, args.model)),
-                  None if args.urdf is None else args.urdf.resolve())
+    state = State(tuple(args.bags), choice, tuple(map(Stage.of_file, args.model)))
     serve(state, None if args.forget else store.folder(), args.host, args.port,
           not args.no_browser)
     return 0

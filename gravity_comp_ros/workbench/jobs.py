@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from gravity_comp_ros.api.axes import ArmOptions, ASKED, known_arm, NO_DESCRIPTION
+from gravity_comp_ros.api.axes import ArmOptions, ASKED, known_arm
 from gravity_comp_ros.api.read import arm_facts, check_facts, read_each
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import add_to_model, diagnose_recording, learn, Learned
@@ -113,9 +113,7 @@ class JobRunner:
         if model is None:
             return _learned(recording, job, progress)
         if job.step is Step.PLAN:
-            # Axes that a fit does not use; a recorded description still has the limits.
-            urdf = None if job.choice.urdf == NO_DESCRIPTION else job.choice.urdf
-            limits = arm_limits(urdf, job.paths, model.joints,
+            limits = arm_limits(job.choice.urdf, job.paths, model.joints,
                                 recording.samples.joints(model.joints).q)
             planned = plan(recording.samples, model, job.effects, diagnosis=job.diagnosis,
                            progress=progress, obstacles=limits.check)
@@ -143,7 +141,7 @@ def _read(job: Job, progress: ProgressCallback) -> ReadResult:
     samples = concatenate(recording.samples for recording in recordings)
     reports = tuple(recording.report for recording in recordings)
     recording = Recording(samples, None, reports)
-    arm = known_arm(recording, ArmOptions(urdf=job.choice.urdf, ordered=job.ordered))
+    arm = known_arm(recording, ArmOptions(urdf=job.choice.description, ordered=job.ordered))
     left_out = () if job.choice.joints else arm.left_out
     if left_out:
         # Read again without other joints, whose missing values would drop messages.

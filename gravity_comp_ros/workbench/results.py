@@ -14,7 +14,6 @@ from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.views.arm import find_arm
@@ -96,7 +95,8 @@ class Results:
             recording.samples, stage.model, self.compared(stage.model),
             recording.gated.sentence(), recording.reports,
             '\n'.join(self.session.commands()), previous=self.errors(before) if before else {},
-            previous_name=before.name if before else '', arm=self._arm(stage.model.joints))
+            previous_name=before.name if before else '',
+            arm=find_arm(self.session.paths, stage.model.joints, self.session.choice.urdf))
 
     def compared(self, model: GravityModel) -> Comparison:
         """
@@ -114,15 +114,6 @@ class Results:
             return {name: x.rmse for name, x in self.compared(stage.model).joints.items()}
         except GravityCompError:
             return {}
-
-    def _arm(self, joints: tuple[str, ...]) -> Geometry | None:
-        session = self.session
-        try:
-            return self._cached(lambda: find_arm(session.paths, joints, session.urdf), 'arm',
-                                session.paths, joints)
-        except GravityCompError as problem:
-            session.warning = str(problem)
-            return None
 
     def _constant(self) -> Stage:
         """Return the model before the first fit, a constant torque."""

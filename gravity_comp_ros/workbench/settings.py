@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from gravity_comp_ros.api.axes import NO_DESCRIPTION
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import CHOICES
@@ -15,7 +14,7 @@ from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.store import Choice
 from gravity_comp_ros.workbench.widgets import box, button, download, field, select
 
-_ALL, _UNKNOWN = 'all', NO_DESCRIPTION
+_ALL, _UNKNOWN = 'all', 'unknown'
 
 
 def form_html(session: Session) -> str:
@@ -51,7 +50,7 @@ def form_html(session: Session) -> str:
                choice.formulation),
         select('Axes of the arm', 'axes', [('known', 'from the description, if any'),
                                            (_UNKNOWN, 'unknown')],
-               _UNKNOWN if choice.urdf == NO_DESCRIPTION else 'known'),
+               'known' if choice.known_axes else _UNKNOWN),
         button('Fit with these settings', 'learn', kind='primary'),
         button('Evaluate the current model on these', 'evaluate'),
         '<h3>Export</h3>', download('Save the model', 'arm.json'),
@@ -81,12 +80,8 @@ def choice_of(session: Session, form: Mapping[str, Sequence[str]]) -> Choice:
     gate = None if form['samples'][0] == _ALL else replace(
         session.choice.gate or GateOptions(),
         max_speed=_number(form['max-speed'][0], 'the speed limit'))
-    urdf = None if session.urdf is None else str(session.urdf)
-    if form['axes'][0] == _UNKNOWN:
-        urdf = NO_DESCRIPTION
-    elif session.choice.urdf not in (None, NO_DESCRIPTION):
-        urdf = session.choice.urdf
-    return Choice(runs, joints, form['formulation'][0], reading, gate, urdf)
+    return Choice(runs, joints, form['formulation'][0], reading, gate, session.choice.urdf,
+                  form['axes'][0] != _UNKNOWN)
 
 
 def _number(text: str, what: str) -> float:

@@ -17,7 +17,7 @@ import shlex
 import shutil
 from typing import Any
 
-from gravity_comp_ros.api.axes import ArmOptions, WITH_AXES
+from gravity_comp_ros.api.axes import ArmOptions, NO_DESCRIPTION, WITH_AXES
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
@@ -41,8 +41,8 @@ class Choice:
     """
     Chosen runs (by number) and joints, options of reading, and samples.
 
-    The joints are those of `joints`, in this order. `urdf` is the robot description for the joint
-    axes, `none` for no description, None for that of the recordings. The model is fitted to and
+    The joints are those of `joints`, in this order. `urdf` is the robot description, None for that
+    of the recordings; it gives the axes of a fit if `known_axes`. The model is fitted to and
     compared on the slow samples of the `gate`, all if it is None.
     """
 
@@ -51,7 +51,13 @@ class Choice:
     formulation: str = FitOptions().formulation
     reading: ReadOptions = ReadOptions()
     gate: GateOptions | None = GateOptions()
-    urdf: str | None = None
+    urdf: Path | None = None
+    known_axes: bool = True
+
+    @property
+    def description(self) -> Path | str | None:
+        """Return the description of the axes, in the notation of --urdf."""
+        return self.urdf if self.known_axes else NO_DESCRIPTION
 
     def options(self) -> ReadOptions:
         """Return the options to read the recordings; what is refused is refused by each job."""
@@ -63,7 +69,7 @@ class Choice:
 
         :param ordered: whether the joints are given in the order of the arm.
         """
-        urdf = self.urdf if self.formulation in WITH_AXES else None
+        urdf = self.description if self.formulation in WITH_AXES else None
         return ArmOptions(self.formulation, urdf, ordered=ordered)
 
     def recording(self, samples: JointSamples, reports: Sequence[ReadReport]) -> Recording:
@@ -135,7 +141,7 @@ class Stage:
         choice = self.choice
         return choice.command(
             'fit', paths, joints=True, output=MODEL_FILE, formulation=choice.formulation,
-            urdf=choice.urdf if choice.formulation in WITH_AXES else None)
+            urdf=choice.learning(True).urdf)
 
 
 @dataclass(eq=False)
@@ -152,7 +158,6 @@ class State:
     paths: tuple[Path, ...]
     choice: Choice = Choice()
     given: tuple[Stage, ...] = ()
-    urdf: Path | None = None
     joints: tuple[str, ...] = ()
     stages: tuple[Stage, ...] = ()
     at: int | None = None

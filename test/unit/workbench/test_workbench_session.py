@@ -145,7 +145,7 @@ def test_a_model_is_evaluated_on_other_runs_without_a_new_fit(learned):
 
 
 def test_a_motion_is_planned_without_a_description(learned):
-    learned.evaluate(replace(learned.choice, urdf='none'))
+    learned.evaluate(replace(learned.choice, known_axes=False))
     learned.request_plan(('torque_offset:elbow',))
     worked(learned, until='DIAGNOSE')
     assert not learned.error and learned.plan.trajectory.joints == JOINTS
@@ -197,9 +197,8 @@ def test_what_fit_refuses_is_refused_until_a_setting_corrects_or_accepts_it(tmp_
 
 
 def test_a_description_that_cannot_be_read_is_reported(paths, tmp_path):
-    session = worked(session_of(*paths, urdf=tmp_path / 'none.urdf'), until='LEARN')
-    assert Results(session).contents().arm is None
-    assert 'none.urdf: no such file' in session.warning
+    session = worked(session_of(*paths, choice=Choice(urdf=tmp_path / 'none.urdf')))
+    assert 'none.urdf: no such file' in session.error
 
 
 _EFFECTS = ('coulomb_friction:shoulder', 'torque_offset:elbow', 'viscous_friction')
