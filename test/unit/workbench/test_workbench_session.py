@@ -7,6 +7,7 @@ import html
 import json
 import os
 from pathlib import Path
+import re
 import shlex
 import signal
 import time
@@ -16,7 +17,7 @@ from bench.shared.rough_links import COULOMB, JOINTS, two_links
 from bench.shared.workbench_session import InProcess, session_of, worked
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.errors import DataError, GravityCompError
+from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
 from gravity_comp_ros.models.model_file import model_text
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
@@ -26,6 +27,7 @@ from gravity_comp_ros.workbench.jobs import Job, new_worker, Step
 from gravity_comp_ros.workbench.page import facts_html, status_html
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Sessions, UNUSED
+from gravity_comp_ros.workbench.settings import choice_of, form_html
 from gravity_comp_ros.workbench.store import Choice, Stage, State
 from gravity_comp_ros.worker.worker_process import Done, Failed
 import numpy as np
@@ -142,6 +144,26 @@ def test_a_model_is_evaluated_on_other_runs_without_a_new_fit(learned):
     assert 'fit a model of the selected joints' in session.error
     with pytest.raises(DataError, match='no run'):
         Choice((), JOINTS).recording(session.read.samples, session.read.reports)
+
+
+def test_the_form_of_a_choice_describes_it(learned):
+    reading = replace(learned.choice.reading, effort_scale={'elbow': -0.5}, differentiate=True,
+                      accept=('effort_unit',))
+    for choice in (learned.choice, replace(learned.choice, gate=None, reading=reading),
+                   replace(learned.choice, runs=(1,), known_axes=False, formulation='potential')):
+        learned.choice = choice
+        page, form = form_html(learned), {}
+        for tag in re.findall('<input[^>]*>', page):
+            name, value = (re.search(f' {key}="([^"]*)"', tag)[1] for key in ('name', 'value'))
+            if 'checkbox' not in tag or ' checked' in tag:
+                form.setdefault(name, []).append(value)
+        for name, options in re.findall('<select id=[^>]* name="([^"]*)"[^>]*>(.*?)</sel', page):
+            form[name] = re.findall('value="([^"]*)" selected', options)
+        assert choice_of(learned, form) == choice
+    with pytest.raises(OptionError, match='at least one run'):
+        choice_of(learned, {**form, 'run': []})
+    with pytest.raises(OptionError, match='the scale of the effort of elbow'):
+        choice_of(learned, {**form, f'scale-{JOINTS.index("elbow")}': ['x']})
 
 
 def test_a_motion_is_planned_without_a_description(learned):
