@@ -11,8 +11,8 @@ from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.arguments import read_options, verb_parser
 from gravity_comp_ros.recordings.read_options import option_words
 
-# Options of description and gate; the first one of each group belongs to no other.
-_SHARED = (('urdf', 'fixed'), ('all_samples', 'max_speed', 'rate'))
+# Options of description and gate; no verb with another meaning of one prints commands with it.
+_SHARED = ('urdf', 'fixed', 'all_samples', 'max_speed', 'rate')
 
 
 def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path] | None = None,
@@ -30,18 +30,12 @@ def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path
     line = ['gravity_comp', verb, *map(str, args.bags if bags is None else bags)]
     if model is not None:
         line += ['--model', str(model)]
-    return shlex.join([*line, *read_options(args).words(joints=model is None),
-                       *_shared_words(verb, args), *more])
-
-
-def _shared_words(verb: str, args: argparse.Namespace) -> list[str]:
-    """Return the description and the gate of this call, if the verb has these options."""
     options = {action.dest: action for action in verb_parser(verb)._actions}
-    names = [name for group in _SHARED
-             if group[0] in options and hasattr(args, group[0]) for name in group]
-    return option_words({
-        name: value for name in names if name in options
-        and not ((value := getattr(args, name, None)) == 'none' and options[name].type is Path)})
+    given = {name: getattr(args, name, None) for name in _SHARED if name in options}
+    if given.get('urdf') == 'none' and options['urdf'].type is Path:
+        del given['urdf']
+    return shlex.join([*line, *read_options(args).words(joints=model is None),
+                       *option_words(given), *more])
 
 
 def check_recordings(*paths: Path) -> list[terminal.Line]:
