@@ -1,8 +1,8 @@
 """
 Sessions of one server: recordings, settings, stages of the model, running job and messages.
 
-Does not depend on Bokeh. Requests of the page and events of the worker change the state;
-`results` computes what the page shows.
+Requests of the page and events of the worker change the state; `results` computes what the page
+shows.
 """
 
 from __future__ import annotations
