@@ -130,7 +130,7 @@ class GravityCompNode(LifecycleNode):
         return not self._clock_is_simulated or self.get_clock().now().nanoseconds > 0
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the model file and create topics."""
+        """Load the model file, create topics, and start the process of the fits."""
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
         try:
@@ -138,6 +138,7 @@ class GravityCompNode(LifecycleNode):
         except GravityCompError as problem:
             self.get_logger().error(str(problem))
             return TransitionCallbackReturn.FAILURE
+        self._core.fits.prepare()
         if self._core.models.problem:
             self.get_logger().error(self._core.models.problem)
         self._use_description(self._core)

@@ -94,6 +94,14 @@ class Worker:
         is_running = process is not None and process.done() and process.exception() is None
         return process.result().pid if process is not None and is_running else None
 
+    def prepare(self) -> None:
+        """Start the process before the first job: it imports its modules meanwhile."""
+        if self._process is None:
+            self._process, self._received = Future(), SimpleQueue()
+            self._pipe, theirs = Pipe()
+            Thread(target=_run, daemon=True, args=(
+                self._command, self._process, self._received, self._pipe, theirs)).start()
+
     def start(self, job: Any, make: Callable[[], Any] | None = None) -> None:
         """
         Start a job, after those before it; `poll` returns its messages.
@@ -130,12 +138,8 @@ class Worker:
         return pairs
 
     def _send(self) -> None:
-        """Send the first job to the process, which starts if there is none."""
-        if self._process is None:
-            self._process, self._received = Future(), SimpleQueue()
-            self._pipe, theirs = Pipe()
-            Thread(target=_run, daemon=True, args=(
-                self._command, self._process, self._received, self._pipe, theirs)).start()
+        """Send the first job to the process."""
+        self.prepare()
         # Writing to a full pipe blocks, so a thread does it.
         Thread(target=_send, daemon=True, args=(
             self._jobs[0][1], self._received, self._pipe)).start()

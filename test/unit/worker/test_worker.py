@@ -160,6 +160,8 @@ def test_a_process_that_ends_is_a_loss_with_its_reason(line, reason):
 
 def test_each_job_has_one_answer_and_a_lost_process_is_replaced():
     with running() as worker:
+        worker.prepare()
+        assert worker.poll() == [] and worker.job is None
         for number in (1, 2):
             worker.start(number, lambda: ('done', None))
         assert worker.jobs == [1, 2]
