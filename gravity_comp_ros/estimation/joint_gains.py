@@ -55,7 +55,8 @@ class JointGains:
         """
         known = (self.std < np.log(OPTIONS.min_ratio)) & (self.residual < OPTIONS.max_residual)
         change, rest = friction_gains(model, samples)
-        agrees = known & (rest < OPTIONS.max_residual)
+        agrees = (known & (rest < OPTIONS.max_residual)
+                  & (self.residual <= OPTIONS.max_reference))
         best = int(np.argmin(np.where(agrees, np.abs(change), np.inf))
                    ) if agrees.any() else self.reference
         own = self.log - _log_gains(model)

@@ -6,6 +6,7 @@ import re
 
 from bench.shared.campaign import campaign
 from bench.shared.rough_links import two_links, WIDE
+from bench.cases.arms import six_axis
 from bench.shared.serial_arms import parallel_axis_arm, serial_arm
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import concatenate, JointSamples
@@ -221,6 +222,15 @@ def test_an_arm_with_effort_on_one_joint_alone_has_no_gains():
     samples = JointSamples.single_run(('a', 'b'), 0.2 * np.arange(600), q, 0.0 * q,
                                       np.column_stack([np.zeros(600), 5.0 * np.sin(q[:, 1])]))
     assert joint_gains(ArmFit(samples)).facts() == [] == torque_facts(samples)
+
+
+def test_the_reference_explains_its_own_effort():
+    """A wrist with little gravity agrees best with the model, but is no reference."""
+    arm, gains = six_axis(), np.array([4.0, 4.0, 4.0, 1.0, 1.0, 1.0])
+    model = fit(recorded(arm=arm), FitOptions('chain')).model
+    (fact,) = torque_facts(recorded(gains, arm=arm, seed=1), None, model)
+    assert fact.joints == arm.joints[:3]
+    assert list(fact.values.values()) == pytest.approx([4.0] * 3, rel=0.05)
 
 
 def test_too_little_motion_has_no_result():
