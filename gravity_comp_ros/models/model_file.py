@@ -18,7 +18,7 @@ from gravity_comp_ros.models.codec import decode, encode
 from gravity_comp_ros.models.gravity_model import GravityModel
 
 FORMAT = 'gravity_comp_ros model'
-VERSION = 5
+VERSION = 6
 # Maximum size of a model file; ten joints with every feature take 2 MB.
 _MAX_BYTES = 64 * 2 ** 20
 

@@ -121,10 +121,10 @@ def test_a_flipped_bit_does_not_change_the_model_silently(saved):
     assert outcomes['refused'] > 300
 
 
-@pytest.mark.parametrize('version', [0, 4, None, '5'])
+@pytest.mark.parametrize('version', [0, 5, None, '6'])
 def test_another_version_is_refused(saved, version):
     saved.write_text(signed(json.loads(saved.read_text())['model'], version=version))
-    refused(saved, 'this program reads version 5')
+    refused(saved, 'this program reads version 6')
 
 
 @pytest.mark.parametrize('data', [
@@ -139,7 +139,7 @@ def test_other_files_are_refused(saved, data):
 @pytest.mark.parametrize('depth', [100, 100000])
 def test_deep_nesting_is_refused(saved, depth):
     nested = '[' * depth + ']' * depth
-    saved.write_text(f'{{"format": "gravity_comp_ros model", "version": 5, "sha256": "0", '
+    saved.write_text(f'{{"format": "gravity_comp_ros model", "version": 6, "sha256": "0", '
                      f'"model": {{"joints": {nested}}}}}')
     refused(saved, 'damaged|not a model file')
 
