@@ -20,8 +20,8 @@ of a constant torque.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.api.recording import Recording
@@ -29,9 +29,11 @@ from gravity_comp_ros.api.steps import compare_model, held_out_blocks
 from gravity_comp_ros.commands import arguments, html, next_step, reading, terminal
 from gravity_comp_ros.data.runs import Block, within
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import percent
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.evaluation.compare import Comparison, drift, JointDrift
+from gravity_comp_ros.evaluation.compare import Comparison
+from gravity_comp_ros.evaluation.drift import Drift, drift
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
@@ -82,17 +84,14 @@ def run(args: argparse.Namespace) -> terminal.Answer:
             next_command=diagnose)
     document = {**listed.to_json(), 'model': args.model.name, 'fitted_to': fitted,
                 'previous': None if since is None else {
-                    'model': args.previous.name,
-                    'joints': {name: asdict(one) for name, one in since.items()}},
-                **recording.to_json()}
+                    'model': args.previous.name, **since.to_json()}, **recording.to_json()}
     few = not args.all_samples and samples.n_samples < FactOptions().min_slow_samples
     errors = listed.table(noise=dict(zip(model.joints, model.noise.tolist())))
     title = f'error of the model, {counted(samples.n_samples, "sample")}'
     return terminal.Answer(
         document, [*reading.lines(recording), '',
                    terminal.table(title, errors.columns, errors.rows), *_failures(listed),
-                   *([] if since is None else [
-                       '', _drift_table(args.previous.name, selected, since)]),
+                   *([] if since is None else _drift_lines(args.previous.name, selected, since)),
                    *next_step.lines('identify missing effects', diagnose)],
         [*reading.scale_warnings(model, recording.reports),
          *[f'only {counted(samples.n_samples, "slow sample")}: the error is unreliable; the '
@@ -156,11 +155,17 @@ def _failures(comparison: Comparison) -> list[str]:
                       if shares else [])]
 
 
-def _drift_table(name: str, selected: Sequence[str],
-                 since: Mapping[str, JointDrift]) -> terminal.Line:
+def _drift_lines(name: str, selected: Sequence[str], since: Drift) -> list[terminal.Line]:
+    """Return the change of each joint, and of each coefficient that changed."""
     rows = [(joint, f'{one.rms:.4f}', f'{one.mean:+.4f}',
              '' if one.std is None else f'{one.std:.4f}',
              'unknown' if one.std is None else 'yes' if one.drifted else 'no')
-            for joint, one in since.items() if joint in selected]
-    return terminal.table(f'change of the static torque since {name}, N·m',
-                          ('joint', 'RMS', 'mean', 'std of both models', 'drifted'), rows)
+            for joint, one in since.joints.items() if joint in selected]
+    lines = [f'{one.target} {one.symbol}: '
+             + ' → '.join('not found' if x is None else wording.plus_minus(x)
+                          for x in (one.before, one.after))
+             for one in since.coefficients
+             if one.drifted and one.target.split(':', 1)[1] in selected]
+    return ['', terminal.table(f'change of the static torque since {name}, N·m',
+                               ('joint', 'RMS', 'mean', 'std of both models', 'drifted'), rows),
+            *(lines or ['no coefficient of an effect drifted'])]

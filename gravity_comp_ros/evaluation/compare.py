@@ -1,8 +1,4 @@
-"""
-Comparison of a model with measurements and with an earlier model of the arm.
-
-The result has errors by joint, regions of large residual, and the change of the static torque.
-"""
+"""Comparison of a model with measurements: errors by joint, and regions of large residual."""
 
 from __future__ import annotations
 
@@ -16,8 +12,7 @@ from gravity_comp_ros.data.runs import numbers_in
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.display import change, Displayable, percent, TextTable
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.evaluation.expected_residual import rms
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
@@ -25,13 +20,12 @@ import numpy as np
 @dataclass(frozen=True)
 class RegionOptions:
     """
-    Constants of the regions of large residual, and of a drift.
+    Constants of the regions of large residual.
 
     - `min_ratio`: of a region's RMSE to that of the other samples.
     - `min_samples`: inside and outside; of a region that is visited once three times as many.
     - `max_regions`: number that is reported; `bins`: parts of each range.
     - `rest_speed`, rad/s: maximum speed of a joint at rest.
-    - `drift`: size of a drift in standard deviations of both models.
 
     :raises OptionError: if a number is not positive.
     """
@@ -41,7 +35,6 @@ class RegionOptions:
     max_regions: int = 3
     bins: int = 6
     rest_speed: float = 1e-3
-    drift: float = 3.0
 
     def __post_init__(self) -> None:
         check_positive(self, 'regions')
@@ -285,37 +278,3 @@ def _in_band(inside: BoolArray | None, outside: BoolArray) -> list[float | None]
     """Return the shares inside the band, of samples inside and outside the trained range."""
     parts = [] if inside is None else [inside[~outside], inside[outside]]
     return [float(part.mean()) if part.size else None for part in parts] or [None, None]
-
-
-@dataclass(frozen=True)
-class JointDrift:
-    """
-    Change of the static torque of a joint: RMS over the poses, and its mean, in N·m.
-
-    `std` is its standard deviation in N·m, RMS over the poses, None for models without one.
-    """
-
-    rms: float
-    mean: float
-    std: float | None
-    drifted: bool
-
-
-def drift(before: GravityModel, after: GravityModel, samples: JointSamples
-          ) -> dict[str, JointDrift]:
-    """
-    Return the change of each joint from one model to another at the poses of samples.
-
-    :raises ModelMismatchError: if the models have different joints.
-    """
-    if before.joints != after.joints:
-        raise ModelMismatchError(f'the models have different joints: {", ".join(before.joints)} '
-                                 f'and {", ".join(after.joints)}')
-    q, std = samples.joints(after.joints).q, None
-    change = after.predict(q) - before.predict(q)
-    if before.covariance is not None and after.covariance is not None:
-        std = rms(np.hypot(before.predict_std(q), after.predict_std(q)))
-    return {name: JointDrift(float(size), float(mean), None if std is None else float(std[k]),
-                             std is not None and bool(size > REGIONS.drift * std[k]))
-            for k, (name, size, mean) in enumerate(zip(
-                after.joints, rms(change), change.mean(axis=0)))}

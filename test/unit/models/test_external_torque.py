@@ -8,7 +8,7 @@ from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import ModelMismatchError
-from gravity_comp_ros.evaluation.compare import drift
+from gravity_comp_ros.evaluation.drift import drift
 from gravity_comp_ros.evaluation.expected_residual import friction_size, static_limit
 from gravity_comp_ros.evaluation.external_torque import (
     external_torque, ExternalTorqueObserver, mean_weights)
@@ -278,13 +278,29 @@ def test_the_same_arm_has_not_drifted_and_a_changed_one_has(folder):
     a, b, c = (load_model(folder / f'{name}.json') for name in 'abc')
     poses = two_links(4)
     same, changed = drift(a, b, poses), drift(a, c, poses)
-    assert not any(one.drifted for one in same.values())
+    assert not any(one.drifted for one in (*same.joints.values(), *same.coefficients))
     torque = 2.0 * np.sin(poses.q.sum(axis=1))
     for name in JOINTS:
-        assert changed[name].drifted
-        assert changed[name].rms == pytest.approx(np.sqrt((torque ** 2).mean()), rel=0.4)
-    unknown = drift(replace(a, covariance=None), c, poses)['elbow']
-    assert unknown.std is None and not unknown.drifted
+        assert changed.joints[name].drifted
+        assert changed.joints[name].rms == pytest.approx(np.sqrt((torque ** 2).mean()), rel=0.4)
+    viscous, = (one for one in changed.coefficients if one.symbol == 'F_v'
+                and one.target == 'viscous_friction:shoulder')
+    assert viscous.drifted
+    assert viscous.before.value == pytest.approx(5.0, rel=0.2)
+    assert viscous.after.value == pytest.approx(12.5, rel=0.2)
+
+
+def test_coefficients_with_other_nonlinear_parameters_are_not_compared():
+    """The constant of a spring depends on its centre; Coulomb friction not on its width."""
+    def spring(centre, m):
+        return AppliedEffect('joint_spring', 'a', {'centre': centre, 'overtones': 0.0}, {
+            'k': Value(4.0, 'N·m/rad', (3.9, 4.1)), 'm': Value(m, 'N·m', (m - 0.1, m + 0.1))})
+    before, narrow = model(COULOMB, spring(0.0, 1.0)), replace(COULOMB, setting={'width': 0.001})
+    other = drift(before, model(narrow, spring(0.5, 3.0)), motion())
+    assert [(one.symbol, one.drifted) for one in other.coefficients] == [('F_c', False)]
+    same = drift(before, model(spring(0.0, 3.0)), motion())
+    assert [(one.symbol, one.drifted) for one in same.coefficients] == [
+        ('k', False), ('m', True), ('F_c', True)]
 
 
 def test_other_joints_are_refused(folder):
@@ -301,8 +317,12 @@ def test_compare_shows_the_drift_in_the_terminal_and_as_json(folder, monkeypatch
     assert main(command) == 0
     out = capsys.readouterr().out
     assert 'change of the static torque since a.json' in out
+    assert 'viscous_friction:shoulder F_v: 5' in out and '→ 12' in out
     assert main([*command, '--json']) == 0
     previous = json.loads(capsys.readouterr().out)['previous']
     assert previous['model'] == 'a.json' and previous['joints']['elbow']['drifted']
+    assert any(one['drifted'] and one['symbol'] == 'F_v' for one in previous['coefficients'])
+    assert main(['compare', 'a.mcap', '--model', 'b.json', '--previous', 'a.json']) == 0
+    assert 'no coefficient of an effect drifted' in capsys.readouterr().out
     assert main([*command[:-1], 'missing.json']) == 1
     assert 'missing.json' in capsys.readouterr().err

@@ -1,0 +1,139 @@
+"""
+Drift between two models of one arm: changes since the earlier one was fitted.
+
+Compared are the static torque at the same poses, with the standard deviations of both models, and
+the coefficients of the effects of single joints. With other nonlinear parameters (the centre of a
+spring, the recordings of an offset) a coefficient has another meaning and is not compared; the law
+of the direction of motion leaves it as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from gravity_comp_ros.data.constants import HALF_95
+from gravity_comp_ros.data.option_checks import check_positive
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import LAW_UNITS
+from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.models.applied_effects import AppliedEffect, Quantity
+from gravity_comp_ros.models.gravity_model import GravityModel
+import numpy as np
+
+
+@dataclass(frozen=True)
+class DriftOptions:
+    """
+    `significance` is the size of a drift in standard deviations of both models.
+
+    :raises OptionError: if it is not positive.
+    """
+
+    significance: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_positive(self, 'drift')
+
+
+DRIFT = DriftOptions()
+
+
+@dataclass(frozen=True)
+class JointDrift:
+    """
+    Change of the static torque of a joint: RMS over the poses, and its mean, in N·m.
+
+    `std` is its standard deviation in N·m, RMS over the poses, None for models without one.
+    """
+
+    rms: float
+    mean: float
+    std: float | None
+    drifted: bool
+
+
+@dataclass(frozen=True)
+class CoefficientDrift:
+    """A coefficient of an effect in both models; None where a model has not found it."""
+
+    target: str
+    symbol: str
+    before: Quantity | None
+    after: Quantity | None
+    drifted: bool
+
+
+@dataclass(frozen=True)
+class Drift:
+    """The drift of every joint, and of the coefficients of their effects."""
+
+    joints: Mapping[str, JointDrift]
+    coefficients: tuple[CoefficientDrift, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the drift with plain numbers."""
+        return {'joints': {name: asdict(one) for name, one in self.joints.items()},
+                'coefficients': [asdict(one) for one in self.coefficients]}
+
+
+def drift(before: GravityModel, after: GravityModel, samples: JointSamples) -> Drift:
+    """
+    Return the changes from one model to another at the poses of samples.
+
+    :raises ModelMismatchError: if the models have different joints.
+    """
+    if before.joints != after.joints:
+        raise ModelMismatchError(f'the models have different joints: {", ".join(before.joints)} '
+                                 f'and {", ".join(after.joints)}')
+    q = samples.joints(after.joints).q
+    change = after.predict(q) - before.predict(q)
+    std, joints = _std(before, after, q), {}
+    for k, name in enumerate(after.joints):
+        rms = float(np.sqrt((change[:, k] ** 2).mean()))
+        error = None if std is None else float(std[k])
+        joints[name] = JointDrift(rms, float(change[:, k].mean()), error,
+                                  error is not None and rms > DRIFT.significance * error)
+    return Drift(joints, tuple(_coefficients(before, after)))
+
+
+def _std(before: GravityModel, after: GravityModel, q: FloatArray) -> FloatArray | None:
+    """Return the RMS standard deviation (N,) of the change in N·m, None if it is unknown."""
+    try:
+        variance = before.predict_std(q) ** 2 + after.predict_std(q) ** 2
+    except DataError:
+        return None
+    return np.asarray(np.sqrt(variance.mean(axis=0)))
+
+
+def _coefficients(before: GravityModel, after: GravityModel) -> Iterator[CoefficientDrift]:
+    """Yield the comparable coefficients of effects of single joints, in their order."""
+    old, new = _effects(before), _effects(after)
+    for key in sorted({**old, **new}, key=lambda key: (after.joints.index(key[1]), key[0])):
+        effects = [model[key] for model in (old, new) if key in model]
+        if _parameters(effects[0]) != _parameters(effects[-1]):
+            continue
+        for symbol in dict.fromkeys(symbol for each in effects for symbol in each.coefficients):
+            x, y = (model[key].coefficients.get(symbol) if key in model else None
+                    for model in (old, new))
+            yield CoefficientDrift(effects[0].target, symbol, x, y, _has_drifted(x, y))
+
+
+def _parameters(effect: AppliedEffect) -> dict[str, float]:
+    """Return the nonlinear parameters of an effect without the law of its direction."""
+    return {name: x for name, x in effect.setting.items() if name not in LAW_UNITS}
+
+
+def _effects(model: GravityModel) -> dict[tuple[str, str], AppliedEffect]:
+    return {(effect.name, effect.joint): effect
+            for effect in (*model.fitted.effects, *model.applied.effects)
+            if effect.joint is not None}
+
+
+def _has_drifted(before: Quantity | None, after: Quantity | None) -> bool:
+    """Return whether two coefficients differ; one that was not found counts as 0."""
+    values = [0.0 if x is None else x.value for x in (before, after)]
+    halves = [0.5 * (x.ci95[1] - x.ci95[0]) for x in (before, after) if x is not None]
+    return bool(abs(values[1] - values[0])
+                > DRIFT.significance / HALF_95 * float(np.linalg.norm(halves)))
