@@ -36,12 +36,11 @@ def on_the_bench(path):
 
 def in_this_process(cluster, task, robots):
     """Yield the results of tasks of a fleet; test_fleet.py has a cluster."""
-    from gravity_comp_ros.fleet.run import Failure
     for number, robot in enumerate(robots):
         try:
-            yield number, task(robot)
+            yield number, task(robot), ''
         except DataError as problem:
-            yield number, Failure(str(problem))
+            yield number, None, str(problem)
 
 
 def poses():
