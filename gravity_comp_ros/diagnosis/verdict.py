@@ -148,14 +148,20 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
 
 
 def _to_add(evidence: Evidence, term: Term, verdict: Verdict) -> tuple[str, ...]:
-    """Return the targets to add for a finding: of an ambiguous one also its alternatives."""
+    """
+    Return the targets to add for a finding: of an ambiguous one also its alternatives.
+
+    Of a term with a size that is not physical they are its alternatives alone.
+    """
     regression, joints = evidence.estimated.regression, evidence.joints
     # A term that gravity absorbs is predicted by every model of this estimate.
     if verdict not in (*FOUND, Verdict.AMBIGUOUS) or is_absorbed(evidence.estimated, term):
         return ()
+    own, values = target_of(term, joints), regression.posterior.beta[regression.posterior.at[term]]
     if verdict in FOUND:
-        return (target_of(term, joints),)
-    return (target_of(term, joints), *(
+        return (own,)
+    is_physical = term.effect.implausible(values, term.setting) is None
+    return (*((own,) if is_physical else ()), *(
         target(name, None if joint is None else joints[joint])
         for name, joint in regression.alternatives[term.key]
         if (name, joint) not in regression.candidates.untestable))
@@ -175,7 +181,8 @@ def _verdict(evidence: Evidence, term: Term, values: FloatArray, covers_zero: bo
             Verdict.UNTESTABLE, why)
     reason = term.effect.implausible(values, term.setting)
     if reason:
-        return Verdict.WEAK, f'its size is not physical: {reason}'
+        why = f'its size is not physical: {reason}'
+        return (Verdict.AMBIGUOUS, f'{alternatives}; {why}') if others else (Verdict.WEAK, why)
     if not is_better:
         return Verdict.WEAK, 'it hardly reduces the held-out error of the joint'
     if covers_zero:

@@ -262,6 +262,19 @@ def test_a_spring_at_rest_far_outside_is_no_alternative_to_an_offset():
     assert spring.implausible(np.array([0.0, 1.3]), crank) is None
 
 
+def test_of_a_size_that_is_not_physical_the_alternatives_are_added(monkeypatch):
+    """Its torque is certain: with other moments, a gain is one on the other joint."""
+    samples = links(1.2, lambda q, qd: np.zeros(len(q)), 0)
+    estimated = estimate(replace(samples, tau=samples.tau * [1.0, 1.06]))
+    before, *_ = conclude(estimated, None).findings
+    assert before.verdict is Verdict.AMBIGUOUS and len(before.to_add) == 2
+    monkeypatch.setattr(type(library_effects()['torque_gain']), 'implausible',
+                        lambda *_: 'it is too good to be true')
+    after, *_ = conclude(estimated, None).findings
+    assert after.verdict is Verdict.AMBIGUOUS and 'too good to be true' in after.why
+    assert after.to_add == before.to_add[1:]
+
+
 def test_an_offset_that_differs_between_recordings_is_no_payload_in_an_update():
     runs = [recorded(k, offset, MORNING) for k, offset in enumerate([1.2, -0.9])]
     model, later = fit(concatenate(runs)).model, recorded(7, 0.9, MORNING)
