@@ -55,11 +55,15 @@ class SampleBuffer(Generic[T]):
         cell[1:] = cell[1:] + _ORIGIN >> self._doublings
         self._cells.pop(key := cell.tobytes(), None)
         self._cells[key] = cell, sample
-        while len(self) > self._capacity:
+        if len(self) > self._capacity:
+            self._grow()
+
+    def _grow(self) -> None:
+        """Double the edge of the cells until the samples fit; the newest of each cell stays."""
+        kept = list(self._cells.values())
+        cells, newest = np.array([cell for cell, _ in kept]), dict[bytes, int]()
+        while not newest or len(newest) > self._capacity:
             self._doublings += 1
-            cells = np.array([cell for cell, _ in self._cells.values()])
             cells[:, 1:] >>= 1
-            newest: dict[bytes, tuple[IntArray, T]] = {}
-            for cell, sample in zip(cells[::-1], self.samples()[::-1]):
-                newest.setdefault(cell.tobytes(), (cell, sample))
-            self._cells = dict(reversed(newest.items()))
+            newest = {cell.tobytes(): k for k, cell in enumerate(cells)}
+        self._cells = {cells[k].tobytes(): (cells[k], kept[k][1]) for k in sorted(newest.values())}
