@@ -10,8 +10,8 @@ For example:
 
 Gravity and effects are fitted jointly, to the samples that pass the gate of `fit` unless another
 is named, without the data that `fit --holdout` held out. Errors are held-out errors, of whole runs
-or of blocks of time. If another effect
-explains the recordings equally well, `add` lists it. docs/effects.md describes every effect.
+or of blocks of time. If another effect explains the recordings equally well, `add` lists it.
+docs/effects.md describes every effect.
 """
 
 from __future__ import annotations

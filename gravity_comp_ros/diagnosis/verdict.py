@@ -138,16 +138,18 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     identified = shares >= regression.problem.options.min_identified
     covers_zero = identified.any() and (np.abs(values) < HALF_95 * std)[identified].all()
     is_better = after < (1.0 - evidence.options.min_reduction) * before
-    verdict, why = _verdict(evidence, term, values, bool(covers_zero), is_better, others)
+    implausible = term.effect.implausible(values, term.setting)
+    verdict, why = _verdict(evidence, term, implausible, bool(covers_zero), is_better, others)
     sizes = {symbol: size for (symbol, size), given
              in zip(values_of(listed, values, std).items(), identified) if given}
     step = '' if verdict in FOUND else term.effect.experiment.format(joint=joint or 'the arm')
     return Finding(joint, term.name, verdict, others, sizes, before, after, 1.0 - share, better,
                    why, step, gain, p_of(gain - term.log_prior), dict(term.setting),
-                   to_add=_to_add(evidence, term, verdict))
+                   to_add=_to_add(evidence, term, verdict, implausible is None))
 
 
-def _to_add(evidence: Evidence, term: Term, verdict: Verdict) -> tuple[str, ...]:
+def _to_add(evidence: Evidence, term: Term, verdict: Verdict,
+            is_physical: bool) -> tuple[str, ...]:
     """
     Return the targets to add for a finding: of an ambiguous one also its alternatives.
 
@@ -157,17 +159,16 @@ def _to_add(evidence: Evidence, term: Term, verdict: Verdict) -> tuple[str, ...]
     # A term that gravity absorbs is predicted by every model of this estimate.
     if verdict not in (*FOUND, Verdict.AMBIGUOUS) or is_absorbed(evidence.estimated, term):
         return ()
-    own, values = target_of(term, joints), regression.posterior.beta[regression.posterior.at[term]]
+    own = (target_of(term, joints),) if is_physical else ()
     if verdict in FOUND:
-        return (own,)
-    is_physical = term.effect.implausible(values, term.setting) is None
-    return (*((own,) if is_physical else ()), *(
+        return own
+    return (*own, *(
         target(name, None if joint is None else joints[joint])
         for name, joint in regression.alternatives[term.key]
         if (name, joint) not in regression.candidates.untestable))
 
 
-def _verdict(evidence: Evidence, term: Term, values: FloatArray, covers_zero: bool,
+def _verdict(evidence: Evidence, term: Term, implausible: str | None, covers_zero: bool,
              is_better: bool, others: tuple[str, ...]) -> tuple[Verdict, str]:
     """Return the verdict on a term, and why it is not better ('' for the best)."""
     regression, options = evidence.estimated.regression, evidence.options
@@ -179,10 +180,9 @@ def _verdict(evidence: Evidence, term: Term, values: FloatArray, covers_zero: bo
                f'predicted, and its size is not identified')
         return (Verdict.AMBIGUOUS, f'{alternatives}; {why}') if others else (
             Verdict.UNTESTABLE, why)
-    reason = term.effect.implausible(values, term.setting)
-    if reason:
-        why = f'its size is not physical: {reason}'
-        return (Verdict.AMBIGUOUS, f'{alternatives}; {why}') if others else (Verdict.WEAK, why)
+    why = f'its size is not physical: {implausible}' if implausible else ''
+    if implausible and not others:
+        return Verdict.WEAK, why
     if not is_better:
         return Verdict.WEAK, 'it hardly reduces the held-out error of the joint'
     if covers_zero:
@@ -191,7 +191,7 @@ def _verdict(evidence: Evidence, term: Term, values: FloatArray, covers_zero: bo
         # The noise of the selection has no autocorrelation; that of the result has.
         return Verdict.WEAK, _little_evidence(gain, engine.min_gain)
     if others:
-        return Verdict.AMBIGUOUS, alternatives
+        return Verdict.AMBIGUOUS, f'{alternatives}; {why}' if why else alternatives
     joints = range(len(evidence.joints)) if term.joint is None else [term.joint]
     size = float(max(evidence.n_effective[n] for n in joints))
     if size < options.min_effective:
