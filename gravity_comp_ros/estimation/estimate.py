@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -137,10 +136,7 @@ def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
     work = _Work(problem, options, old if old and old.joints == samples.names else None, forced,
                  tested, progress or (lambda word, share: None))
     work.report('fit', 0.0)
-    if options.formulation in ('potential', 'per_joint'):
-        result = work.sparse(options.formulation, 'it was requested')
-    else:
-        result = work.chain_or_potential()
+    result = work.requested() if options.formulation in FORMULATIONS else work.best()
     work.report('fit', 1.0)
     return result
 
@@ -150,8 +146,8 @@ def estimate_again(earlier: Estimate, options: FitOptions, samples: JointSamples
     """
     Return an estimate with the terms of an earlier one; no effect is searched for.
 
-    :param samples: other samples, for which a chain begins at a new start of its axes, and a
-        sparse formulation with a new support; None for those of the earlier estimate.
+    :param samples: other samples, for which a chain begins at a new start of its axes; None for
+        those of the earlier estimate.
     :param formulation: a sparse formulation; '' for that of the earlier estimate.
     :raises FitError: if there are too few samples, or no joint moves.
     """
@@ -163,9 +159,7 @@ def estimate_again(earlier: Estimate, options: FitOptions, samples: JointSamples
                  options, None, frozenset(), tuple(all_effects().values()),
                  lambda word, share: None)
     if samples is not None:
-        start = work.start_of(earlier.geometry) if formulation == 'chain' \
-            else work.first_support(formulation)
-        known = work.regress_terms(start, known.terms)
+        known = work.regress_terms(work.start_of(earlier.geometry), known.terms)
     if formulation == 'chain':
         return replace(earlier, regression=known)
     return work.sparse_with(known, formulation, why)
@@ -182,16 +176,24 @@ class _Work:
     effects: tuple[Effect, ...]
     report: Progress
 
-    def chain_or_potential(self) -> Estimate:
+    def requested(self) -> Estimate:
+        """Return the requested formulation."""
+        formulation, why = self.options.formulation, 'it was requested'
+        chain, warning = self._chain()
+        if formulation == 'chain':
+            return Estimate(chain, formulation, why, warning=warning)
+        return self.sparse(chain, formulation, why)
+
+    def best(self) -> Estimate:
         """Return the chain, or the potential if that predicts held-out samples better."""
         chain, warning = self._chain()
-        why = 'it was requested' if self.options.formulation == 'chain' else self._accepted(chain)
+        why = self._accepted(chain)
         if why:
             return Estimate(chain, 'chain', why, warning=warning)
         errors = {'chain': chain.held_out_ratio(chain.noise)}
         # Its own effects are searched for only where it is the better one with those of the chain.
-        for sparse in (partial(self.sparse_with, chain), self.sparse):
-            potential = sparse('potential', '')
+        for sparse in (self.sparse_with, self.sparse):
+            potential = sparse(chain, 'potential', '')
             errors['potential'] = potential.regression.held_out_ratio(chain.noise)
             if errors['potential'] >= errors['chain']:
                 break
@@ -254,29 +256,23 @@ class _Work:
         """Return a start with its moments, on which the columns of some effects depend."""
         return with_common_terms(self.problem, shared, self.effects).shared
 
-    def sparse(self, formulation: str, why: str) -> Estimate:
+    def sparse(self, chain: Regression, formulation: str, why: str) -> Estimate:
         """
         Return the estimate on a support of the dictionary.
 
-        A first support is selected from the torque of the rows, friction included. The second is
-        selected from the torque without the terms of a first regression on it. Those are effects
-        of motion: static ones would explain the gravity that the first support misses.
+        It is selected from the torque without the effects of motion that the chain found, which
+        are the start of the search. The static ones would explain what a chain misses of gravity.
         """
         self.report('ADMM', 0.5)
-        moving = tuple(effect for effect in self.effects if not effect.is_static)
-        first = replace(self, effects=moving).regress(self.first_support(formulation))
-        shared, fits = self._support(formulation, first.torque_at_rest())
-        return Estimate(self.regress(shared, first.terms), formulation, why, fits=fits)
+        shared, fits = self._support(formulation, chain.torque_at_rest())
+        moving = [term for term in chain.terms if not term.effect.is_static]
+        return Estimate(self.regress(shared, moving), formulation, why, fits=fits)
 
-    def sparse_with(self, known: Regression, formulation: str, why: str) -> Estimate:
-        """Return the same with the terms of a regression of these rows, not searched for again."""
+    def sparse_with(self, chain: Regression, formulation: str, why: str) -> Estimate:
+        """Return the same with the terms of the chain, not searched for again."""
         self.report('ADMM', 0.5)
-        shared, fits = self._support(formulation, known.torque_at_rest())
-        return Estimate(self.regress_terms(shared, known.terms), formulation, why, fits=fits)
-
-    def first_support(self, formulation: str) -> Shared:
-        """Return the support of the torque of the rows, friction included."""
-        return self._prepared(self._support(formulation, self.problem.y)[0])
+        shared, fits = self._support(formulation, chain.torque_at_rest())
+        return Estimate(self.regress_terms(shared, chain.terms), formulation, why, fits=fits)
 
     def _support(self, formulation: str, torque: FloatArray
                  ) -> tuple[Shared, tuple[SparseFit, ...]]:
@@ -329,11 +325,12 @@ class _Work:
         """
         Return the regression with given terms alone, with their columns on these samples.
 
-        Those that are not testable here, such as a payload without a chain, are left out.
+        Those that are not testable here, such as a payload without a chain, are left out; forced
+        ones are kept.
         """
         factory = self.problem.factory(shared)
         own = [factory.term(term.effect, term.joint, term.setting) for term in terms
-               if not factory.settings(term.effect, term.joint)[1]]
+               if term.key in self.forced or not factory.settings(term.effect, term.joint)[1]]
         keys = frozenset(term.key for term in own)
         own = [term for term in own if not term.parents or term.parents & keys]
         return regress(self.problem, shared, (), own, frozenset(term.key for term in own),

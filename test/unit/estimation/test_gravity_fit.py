@@ -5,6 +5,7 @@ from functools import partial
 import json
 
 from bench.cases.signals import ornstein_uhlenbeck
+from bench.shared.regression_cases import two_links
 from bench.shared.serial_arms import G, planar_2r, poses, samples_of, serial_arm
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError
@@ -166,6 +167,16 @@ def test_an_offset_is_fitted_and_not_predicted():
     other = fit(samples, FitOptions('per_joint')).model
     assert uses(other, 0, 0) and 0 in other.torques[0].indices
     assert rms(samples.tau - other.predict(q)).max() < 0.1
+
+
+@BOTH
+def test_a_requested_formulation_has_the_effects_of_the_chain(formulation):
+    samples = two_links(0, lambda q, qd, t: np.tanh(qd / 0.02) * [2.0, 0.0])
+    chain, other = (
+        {effect.target for effect in fit(samples, FitOptions(name)).model.fitted.effects}
+        for name in ('chain', formulation))
+    assert other == chain - {'rigid_body_dynamics'}
+    assert 'coulomb_friction:j0' in other
 
 
 def test_the_report_is_json_and_the_certificate_within_tolerance():
