@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 import time
 
 from bench.paper.scenes import FloatArray, Scene
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.urdf import parse_urdf
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.registry import requests
 from gravity_comp_ros.estimation.estimate import FitOptions
@@ -55,7 +55,10 @@ def updated(urdf: bool) -> Method:
     def method(scene: Scene) -> Fitted:
         samples = scene.first_loaded
         assert scene.unloaded is not None and samples is not None
-        geometry = parse_urdf(URDF.read_bytes(), samples.names) if urdf else None
+        geometry = None
+        if urdf:  # its axes without its masses
+            geometry = replace(described_arm(URDF.read_bytes(), samples.names).geometry,
+                               inertials=np.zeros((0, 10)))
         old = _unloaded_chain(scene, geometry)
         start = time.process_time()
         gravity = JointSamples.single_run(samples.names, samples.t, samples.q, samples.qd,

@@ -16,7 +16,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from gravity_comp_ros.api.recording import Recording
-    from gravity_comp_ros.description.robot_tree import HeldPositions
+    from gravity_comp_ros.description.links import DescribedArm
+    from gravity_comp_ros.description.robot_tree import RobotTree
     from gravity_comp_ros.recordings.bag import ReadReport
 
 NO_DESCRIPTION = 'none'
@@ -122,11 +123,11 @@ def known_arm(recording: Recording, options: ArmOptions = ArmOptions(),
     try:
         if reports or options.file is not None:
             # Imports the XML parser.
-            from gravity_comp_ros.description.urdf import find_description
+            from gravity_comp_ros.description.robot_tree import find_description
             own = find_description(options.file, [report.path for report in reports])
             if own is not None:
-                return _described(reports, joints, options,
-                                  not options.ordered and model is None, own.text, own.source)
+                return _described(own, reports, joints, options,
+                                  not options.ordered and model is None)
     except GravityCompError as problem:
         if options.file is not None or isinstance(problem, OptionError):
             raise
@@ -147,16 +148,12 @@ def _order(recording: Recording, joints: tuple[str, ...], is_ordered: bool) -> J
     return JointOrder(joints, ASKED) if is_ordered and not by_name else order
 
 
-def _described(reports: Sequence[ReadReport], joints: Sequence[str], options: ArmOptions,
-               choose: bool, text: str | bytes, source: str) -> KnownArm:
-    # Imports the XML parser.
-    from gravity_comp_ros.description.links import described_arm
-    from gravity_comp_ros.description.robot_tree import arm_joints
-    chosen, left_out = arm_joints(text, joints, source) if choose else (tuple(joints), {})
-    held = held_positions(reports, options.fixed, text, chosen, source)
-    geometry = described_arm(text, chosen, source, held).geometry
+def _described(tree: RobotTree, reports: Sequence[ReadReport], joints: Sequence[str],
+               options: ArmOptions, choose: bool) -> KnownArm:
+    chosen, left_out = tree.arm_joints(joints) if choose else (tuple(joints), {})
+    geometry = described(tree, reports, chosen, options.fixed).geometry
     masses = ', its masses as a prior of the inertias' if geometry.inertials.any() else ''
-    notes = [f'axes from {source}{masses}']
+    notes = [f'axes from {tree.source}{masses}']
     notes += [f'joint {name} is left out: it {reason}' for name, reason in left_out.items()]
     notes += [f'joint {joint.name} of the description is held at {joint.value:.4g} '
               f'({_SOURCES[joint.by]})' for joint in geometry.held]
@@ -164,14 +161,20 @@ def _described(reports: Sequence[ReadReport], joints: Sequence[str], options: Ar
                     options.file is not None, tuple(left_out), tuple(notes))
 
 
-def held_positions(reports: Sequence[ReadReport], fixed: Mapping[str, float],
-                   text: str | bytes, joints: Sequence[str], source: str) -> HeldPositions:
-    """Return the positions of the other joints on the path, from the options or recordings."""
-    from gravity_comp_ros.description.robot_tree import HeldPositions
-    from gravity_comp_ros.description.urdf import held_joints
-    names = [name for name in held_joints(text, joints, source) if name not in fixed]
+def described(tree: RobotTree, reports: Sequence[ReadReport], joints: Sequence[str],
+              fixed: Mapping[str, float]) -> DescribedArm:
+    """
+    Return the arm of these joints; others on the path are fixed, or held as recorded.
+
+    :raises DataError: if a joint that carries the arm moves in a recording.
+    :raises ModelMismatchError: if the description is of another arm.
+    """
+    # Imports the XML parser.
+    from gravity_comp_ros.description.links import DescribedArm
+    arm = DescribedArm(tree, joints, fixed)
+    names = [name for name in arm.held_joints() if name not in fixed]
     if not names:
-        return HeldPositions(fixed)
+        return arm
     from gravity_comp_ros.recordings.bag import joint_positions
     recordings = [joint_positions(report.path, names, report.topic) for report in reports]
     recorded = {}
@@ -184,4 +187,4 @@ def held_positions(reports: Sequence[ReadReport], fixed: Mapping[str, float],
             raise DataError(f'joint {name} moves by {span:.3g} during the recordings, and it '
                             f'carries the arm', Hint.HELD_JOINT_MOVES)
         recorded[name] = float(np.median(own[0]))
-    return HeldPositions(fixed, recorded)
+    return DescribedArm(tree, joints, fixed, recorded)

@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> Answer:
         empty, loaded = (read_recording([path], options, slow, report)
                          for path in (args.empty, args.loaded))
         reports = (*empty.reports, *loaded.reports)
-        arm = reading.described(args, replace(empty, reports=reports))
+        arm = reading.described_in(args, replace(empty, reports=reports))
         weight = Weight(args.link or arm.geometry.link, args.mass,
                         None if args.com is None else tuple(args.com))
         joints = arm.geometry.joints

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     """Check the description, and show its faults."""
     with terminal.progress() as report:
         recording = reading.load(args, report)
-        arm = reading.described(args, recording)
+        arm = reading.described_in(args, recording)
         report('check', 0.5)
         slow = recording.select_joints(arm.geometry.joints).slow
         result = check_description(slow, arm)

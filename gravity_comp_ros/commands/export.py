@@ -32,8 +32,7 @@ from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
-from gravity_comp_ros.description.robot_tree import HeldPositions
-from gravity_comp_ros.description.urdf import read_text
+from gravity_comp_ros.description.robot_tree import read_text
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
 from gravity_comp_ros.errors import GravityCompError
@@ -168,7 +167,7 @@ def _changed(args: argparse.Namespace, model: GravityModel) -> ChangedDescriptio
         from gravity_comp_ros.export.mjcf_file import changed_mjcf
         return changed_mjcf(args.mjcf, read_text(args.mjcf, 'MJCF'), model)
     from gravity_comp_ros.export.urdf_file import changed_urdf
-    return changed_urdf(read_text(args.urdf), model, str(args.urdf), HeldPositions(args.fixed))
+    return changed_urdf(read_text(args.urdf), model, str(args.urdf), args.fixed)
 
 
 def _payload(args: argparse.Namespace, model: GravityModel) -> Result:

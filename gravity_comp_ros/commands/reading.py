@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gravity_comp_ros.api.axes import held_positions
+from gravity_comp_ros.api.axes import described
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.commands.terminal import Answer, ProgressCallback
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.description.links import described_arm, DescribedArm
-from gravity_comp_ros.description.robot_tree import arm_joints, HeldPositions
-from gravity_comp_ros.description.urdf import find_description, read_text
+from gravity_comp_ros.description.robot_tree import find_description, read_text
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import DataError, Hint, OptionError
@@ -106,7 +105,7 @@ def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[s
             f'unless the driver has changed, use --effort-scale {scales}']
 
 
-def described(args: argparse.Namespace, recording: Recording) -> DescribedArm:
+def described_in(args: argparse.Namespace, recording: Recording) -> DescribedArm:
     """
     Return the arm of the recorded joints in the description; others are held.
 
@@ -115,16 +114,13 @@ def described(args: argparse.Namespace, recording: Recording) -> DescribedArm:
     description = find_description(args.urdf, [report.path for report in recording.reports])
     if description is None:
         raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
-    joints, _ = arm_joints(description.text, recording.joints, description.source)
-    held = held_positions(recording.reports, args.fixed, description.text, joints,
-                          description.source)
-    return described_arm(description.text, joints, description.source, held)
+    return described(description, recording.reports, description.arm_joints(recording.joints)[0],
+                     args.fixed)
 
 
 def arm_of_model(args: argparse.Namespace, model: GravityModel) -> DescribedArm:
     """Return the arm of a model as --urdf describes it, with the joints of --fixed held."""
-    return described_arm(read_text(args.urdf), model.joints, str(args.urdf),
-                         HeldPositions(args.fixed))
+    return described_arm(read_text(args.urdf), model.joints, str(args.urdf), args.fixed)
 
 
 def fitted_gate(args: argparse.Namespace, model: GravityModel) -> GateOptions | None:

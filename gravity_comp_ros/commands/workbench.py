@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
-from gravity_comp_ros.description.urdf import read_text
+from gravity_comp_ros.description.robot_tree import read_text
 from gravity_comp_ros.estimation.estimate import CHOICES, FitOptions
 from gravity_comp_ros.recordings.storage import open_storage
 

@@ -51,9 +51,9 @@ def joint_order(names: Sequence[str], urdf: str | bytes | None = None) -> JointO
     :param urdf: text of the robot description.
     """
     if urdf is not None:
-        from gravity_comp_ros.description.robot_tree import arm_joints
+        from gravity_comp_ros.description.robot_tree import parse_tree
         try:
-            joints, left_out = arm_joints(urdf, names)
+            joints, left_out = parse_tree(urdf).arm_joints(names)
         except (DataError, ModelMismatchError):
             pass
         else:

@@ -19,12 +19,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+import math
+from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import (
-    arm_path, HeldPositions, numbers_of, parse_tree, RobotTree, rotation_of, TreeJoint)
+    numbers_of, parse_tree, RobotTree, rotation_of, TreeJoint)
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.kinematic.chain import about, aligned
 from gravity_comp_ros.models.kinematic.geometry import Geometry, HeldJoint
@@ -39,6 +41,9 @@ _VERTICAL = 1e-6
 _MIN_REACH = 0.5
 # Negative second moment of a thin link, as a share of the largest, by rounded numbers.
 _ROUNDING = 0.05
+# Positions of joints outside the arm, by name, in rad (m if prismatic).
+Positions = Mapping[str, float]
+_NO_POSITIONS: Positions = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,18 +75,20 @@ class DescribedArm:
     """
     An arm in a robot description.
 
-    `tree` are all joints and links of the description, `geometry` the axes of the arm, without
-    masses.
+    `tree` are all joints and links of the description. `geometry` are the axes of the arm, with
+    the inertial parameters of links that are possible.
 
-    :param positions: of other joints on the path to the last joint of the arm.
+    :param fixed: positions from an option, of other joints on the path to the last one of the arm.
+    :param recorded: positions from the recording of joints that are not fixed.
     :raises ModelMismatchError: if the joints are not those of one arm.
-    :raises OptionError: if `positions.fixed` names a joint of the arm or an unknown joint.
+    :raises OptionError: if `fixed` names a joint of the arm or an unknown joint, or a position is
+        not finite.
     """
 
-    def __init__(self, tree: RobotTree, joints: Collection[str],
-                 positions: HeldPositions = HeldPositions()) -> None:
-        self.tree, self._arm, self._positions = tree, set(joints), positions
-        path = arm_path(tree, joints)
+    def __init__(self, tree: RobotTree, joints: Collection[str], fixed: Positions = _NO_POSITIONS,
+                 recorded: Positions = _NO_POSITIONS) -> None:
+        self.tree, self._arm, self._fixed, self._recorded = tree, set(joints), fixed, recorded
+        path = tree.arm_path(joints)
         self._check_fixed()
         self._held: list[HeldJoint] = []
         self._upright, self._places = True, dict[str, LinkPlace]()
@@ -101,6 +108,25 @@ class DescribedArm:
                 self._places[joint.child] = place
         self.geometry = Geometry(tuple(names), np.array(rotations), np.array(origins),
                                  path[-1].child, place.rotation, tuple(self._held), tree.source)
+        self.geometry = replace(self.geometry, inertials=frame_parameters(self, self._possible()))
+
+    def held_joints(self) -> tuple[str, ...]:
+        """
+        Return the other joints whose positions the geometry depends on, from the base outwards.
+
+        The position of a mimic joint is given by the joint that it mimics.
+        """
+        return tuple(dict.fromkeys(self.leader(self.tree.joints[joint.name]).name
+                                   for joint in self.geometry.held))
+
+    def _possible(self) -> dict[str, Inertial]:
+        """Return the possible inertials; none if a number is wrong, which masses alone need."""
+        reach = float(np.linalg.norm(self.geometry.origins, axis=1).sum()) + _MIN_REACH
+        try:
+            inertials = self.inertials(required=False)
+        except DataError:
+            return {}
+        return {name: each for name, each in inertials.items() if each.is_possible(reach)}
 
     @cached_property
     def places(self) -> dict[str, LinkPlace]:
@@ -180,7 +206,10 @@ class DescribedArm:
         return place.moved(joint, value)
 
     def _check_fixed(self) -> None:
-        for name in self._positions.fixed:
+        for name, value in (*self._recorded.items(), *self._fixed.items()):
+            if not math.isfinite(value):
+                raise OptionError(f'joint {name} cannot be held at {value}')
+        for name in self._fixed:
             if name not in self.tree.joints:
                 raise OptionError(f'{self.tree.source} has no joint {name} to hold')
             if name in self._arm:
@@ -201,8 +230,8 @@ class DescribedArm:
 
     def _value(self, joint: TreeJoint) -> tuple[float, str]:
         """Return the position of a held joint, and its source."""
-        if joint.name in self._positions.fixed:
-            return float(self._positions.fixed[joint.name]), 'option'
+        if joint.name in self._fixed:
+            return float(self._fixed[joint.name]), 'option'
         leader = self.leader(joint)
         if leader.name in self._arm:
             raise ModelMismatchError(
@@ -211,31 +240,20 @@ class DescribedArm:
         if joint.mimic is not None:
             value, by = self._value(self.tree.joints[joint.mimic.joint])
             return joint.mimic.multiplier * value + joint.mimic.offset, by
-        if joint.name in self._positions.recorded:
-            return float(self._positions.recorded[joint.name]), 'recording'
+        if joint.name in self._recorded:
+            return float(self._recorded[joint.name]), 'recording'
         return joint.rest(), 'assumption'
 
 
 def described_arm(text: str | bytes, joints: Collection[str], source: str = 'URDF',
-                  held: HeldPositions = HeldPositions()) -> DescribedArm:
+                  fixed: Positions = _NO_POSITIONS) -> DescribedArm:
     """
-    Return the arm of these joints in a URDF.
-
-    Its geometry has the inertial parameters of links that are possible.
+    Return the arm of these joints in the text of a URDF.
 
     :raises DataError: if the text is not a URDF.
     :raises ModelMismatchError: if it describes another arm.
     """
-    arm = DescribedArm(parse_tree(text, source), joints, held)
-    reach = float(np.linalg.norm(arm.geometry.origins, axis=1).sum()) + _MIN_REACH
-    try:
-        inertials = arm.inertials(required=False)
-    except DataError:
-        # Axes are learned from without masses; what requires masses names the wrong number.
-        inertials = {}
-    possible = {name: each for name, each in inertials.items() if each.is_possible(reach)}
-    arm.geometry = replace(arm.geometry, inertials=frame_parameters(arm, possible))
-    return arm
+    return DescribedArm(parse_tree(text, source), joints, fixed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,5 @@
 """
-Joint tree of a URDF.
+Robot descriptions: joint tree of a URDF, from a file or a recording.
 
 Parsing reads the name, type and links of each joint. Origin, axis, limits and mimic rule are read
 on demand, so that a malformed wheel or finger does not affect the arm.
@@ -7,15 +7,16 @@ on demand, so that a malformed wheel or finger does not affect the arm.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 import math
+from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.kinematic.chain import about
 from gravity_comp_ros.printable import printable, shown_names
 import numpy as np
@@ -24,6 +25,8 @@ REVOLUTE = ('revolute', 'continuous')
 # Joints with several degrees of freedom; taken at their zero position.
 FREE = ('floating', 'planar')
 KINDS = (*REVOLUTE, 'prismatic', 'fixed', *FREE)
+_MAX_NAMES = 16
+_MAX_BYTES = 32 * 2 ** 20
 
 
 @dataclass(frozen=True)
@@ -104,12 +107,18 @@ class TreeJoint:
 
 @dataclass(frozen=True)
 class RobotTree:
-    """All joints of a robot, by name (`joints`) and by child link (`by_child`), in XML `root`."""
+    """
+    All joints of a robot, by name (`joints`) and by child link (`by_child`), in XML `root`.
+
+    `source` is the name of the description in messages, `folder` that of its file, if it is one.
+    """
 
     joints: dict[str, TreeJoint]
     by_child: dict[str, TreeJoint]
     source: str
     root: Element
+    text: str | bytes
+    folder: Path | None = None
 
     def path(self, name: str) -> list[TreeJoint]:
         """
@@ -124,12 +133,104 @@ class RobotTree:
                 raise DataError(f'{self.source}: joint {name} is among its own parents')
         return path[::-1]
 
+    def position_limits(self, joints: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+        """
+        Return the lower and upper position limits (N,) in rad; -π and π for joints without limits.
 
-def parse_tree(text: str | bytes, source: str) -> RobotTree:
+        :raises ModelMismatchError: if a joint is missing.
+        """
+        self._check_known(joints)
+        limits = [self.joints[name].limits() or (-math.pi, math.pi) for name in joints]
+        low, high = np.array(limits, dtype=np.float64).T
+        return low, high
+
+    def arm_joints(self, recorded: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
+        """
+        Return the serial arm among recorded joints, from the base outwards, and the other joints.
+
+        Prismatic joints and mimic joints are left out, with the reason, because the gravity model
+        requires independent revolute joints.
+
+        :raises ModelMismatchError: if a joint is missing, or the joints are on several arms.
+        """
+        self._check_known(recorded)
+        left_out = {name: reason for name in recorded
+                    if (reason := _exclusion(self.joints[name]))}
+        selected = [name for name in recorded if name not in left_out]
+        path = self.arm_path(selected)
+        return tuple(joint.name for joint in path if joint.name in selected), left_out
+
+    def arm_path(self, joints: Collection[str]) -> list[TreeJoint]:
+        """
+        Return all joints from the root to the last of these joints, including fixed ones.
+
+        :raises ModelMismatchError: if the joints are not on one path, or one is not an independent
+            revolute joint.
+        """
+        self._check_known(joints)
+        for name in joints:
+            reason = _exclusion(self.joints[name])
+            if reason:
+                raise ModelMismatchError(f'{self.source}: joint {name} {reason}; leave it out '
+                                         f'(--joints)')
+        paths = {name: self.path(name) for name in joints}
+        longest = max(paths.values(), key=len)
+        if not set(joints) <= {joint.name for joint in longest}:
+            raise ModelMismatchError(_several_arms(self.source, paths))
+        return longest
+
+    def _check_known(self, joints: Collection[str]) -> None:
+        missing = sorted(set(joints) - set(self.joints))
+        if missing or not joints:
+            known = [joint.name for joint in self.joints.values() if joint.moves]
+            raise ModelMismatchError(f'{self.source} has no joint {", ".join(missing)}; it has '
+                                     f'{shown_names(known, _MAX_NAMES)}')
+
+
+def read_text(path: Path | str, kind: str = 'URDF') -> bytes:
+    """
+    Return the content of a robot description.
+
+    :param kind: format of the file, for messages.
+    :raises DataError: if it cannot be read or is too large.
+    """
+    path = Path(path)
+    try:
+        with path.open('rb') as stream:
+            data = stream.read(_MAX_BYTES + 1)
+    except OSError as problem:
+        reason = (problem.strerror or 'unreadable').lower()
+        raise DataError(f'cannot read {kind} {path}: {reason}') from problem
+    if len(data) > _MAX_BYTES:
+        raise DataError(f'{path} is too large to be a robot description')
+    return data
+
+
+def find_description(urdf: Path | str | None,
+                     recordings: Collection[Path | str]) -> RobotTree | None:
+    """
+    Return the description in a file, without one that of the first recording which has one.
+
+    :raises DataError: if the file cannot be read, or the description is not a URDF.
+    :raises BagError: if a recording cannot be read, or its description is damaged.
+    """
+    if urdf is not None:
+        return parse_tree(read_text(urdf), str(urdf), Path(urdf).resolve().parent)
+    for recording in recordings:
+        # Imports file-format libraries, which arrays do not need.
+        from gravity_comp_ros.recordings.bag import robot_description
+        recorded = robot_description(recording)
+        if recorded is not None:
+            return parse_tree(recorded.text, recorded.source)
+    return None
+
+
+def parse_tree(text: str | bytes, source: str = 'URDF', folder: Path | None = None) -> RobotTree:
     """
     Parse the text of a URDF.
 
     :param source: name of the description in messages.
+    :param folder: that of its file.
     :raises DataError: if the text is not a URDF, or is a xacro file.
     """
     try:
@@ -158,22 +259,7 @@ def parse_tree(text: str | bytes, source: str) -> RobotTree:
             raise DataError(f'{source}: link {joint.child} has two parents, joints '
                             f'{by_child[joint.child].name} and {joint.name}')
         joints[joint.name] = by_child[joint.child] = joint
-    return RobotTree(joints, by_child, source, root)
-
-
-def position_limits(text: str | bytes, joints: Sequence[str],
-                    source: str = 'URDF') -> tuple[FloatArray, FloatArray]:
-    """
-    Return the lower and upper position limits (N,) in rad; -π and π for joints without limits.
-
-    :raises DataError: if the text is not a URDF.
-    :raises ModelMismatchError: if a joint is missing in it.
-    """
-    tree = parse_tree(text, source)
-    _check_known(tree, joints)
-    limits = [tree.joints[name].limits() or (-math.pi, math.pi) for name in joints]
-    low, high = np.array(limits, dtype=np.float64).T
-    return low, high
+    return RobotTree(joints, by_child, source, root, text, folder)
 
 
 def _trimmed(text: str | bytes) -> str | bytes:
@@ -220,49 +306,6 @@ def rotation_of(rpy: FloatArray) -> FloatArray:
     return z @ y @ x
 
 
-_MAX_NAMES = 16
-
-
-def arm_joints(text: str | bytes, recorded: Sequence[str],
-               source: str = 'URDF') -> tuple[tuple[str, ...], dict[str, str]]:
-    """
-    Return the serial arm among the recorded joints, from the base outwards, and the other joints.
-
-    Prismatic joints and mimic joints are left out, with the reason, because the gravity model
-    requires independent revolute joints.
-
-    :raises DataError: if the text is not a URDF.
-    :raises ModelMismatchError: if a joint is missing in it, or the joints are on several arms.
-    """
-    tree = parse_tree(text, source)
-    _check_known(tree, recorded)
-    left_out = {name: reason for name in recorded
-                if (reason := _exclusion(tree.joints[name]))}
-    selected = [name for name in recorded if name not in left_out]
-    path = arm_path(tree, selected)
-    return tuple(joint.name for joint in path if joint.name in selected), left_out
-
-
-def arm_path(tree: RobotTree, joints: Collection[str]) -> list[TreeJoint]:
-    """
-    Return all joints from the root to the last of these joints, including fixed ones.
-
-    :raises ModelMismatchError: if the joints are not on one path, or one is not an independent
-        revolute joint.
-    """
-    _check_known(tree, joints)
-    for name in joints:
-        reason = _exclusion(tree.joints[name])
-        if reason:
-            raise ModelMismatchError(f'{tree.source}: joint {name} {reason}; leave it out '
-                                     f'(--joints)')
-    paths = {name: tree.path(name) for name in joints}
-    longest = max(paths.values(), key=len)
-    if not set(joints) <= {joint.name for joint in longest}:
-        raise ModelMismatchError(_several_arms(tree.source, paths))
-    return longest
-
-
 def _exclusion(joint: TreeJoint) -> str:
     """Return the reason why a joint cannot be part of an arm; '' if it can."""
     if not joint.revolute:
@@ -270,14 +313,6 @@ def _exclusion(joint: TreeJoint) -> str:
     if joint.mimic is not None:
         return f'mimics {joint.mimic.joint}'
     return ''
-
-
-def _check_known(tree: RobotTree, joints: Collection[str]) -> None:
-    missing = sorted(set(joints) - set(tree.joints))
-    if missing or not joints:
-        known = [joint.name for joint in tree.joints.values() if joint.moves]
-        raise ModelMismatchError(f'{tree.source} has no joint {", ".join(missing)}; it has '
-                                 f'{shown_names(known, _MAX_NAMES)}')
 
 
 def _several_arms(source: str, paths: dict[str, list[TreeJoint]]) -> str:
@@ -290,22 +325,3 @@ def _several_arms(source: str, paths: dict[str, list[TreeJoint]]) -> str:
     listed = ' | '.join(shown_names(branch, _MAX_NAMES) for branch in branches)
     return (f'{source}: the joints are on {len(branches)} different branches: {listed}; choose '
             f'those of one arm (--joints {",".join(branches[0])})')
-
-
-@dataclass(frozen=True)
-class HeldPositions:
-    """
-    Constant positions of joints outside the arm, by name, in rad (m if prismatic).
-
-    `fixed` come from an option. `recorded` come from the recording; `fixed` takes precedence.
-
-    :raises OptionError: if a value is not finite.
-    """
-
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    recorded: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name, value in {**self.recorded, **self.fixed}.items():
-            if not math.isfinite(value):
-                raise OptionError(f'joint {name} cannot be held at {value}')

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import (
-    described_arm, DescribedArm, INERTIA_KEYS, Inertial)
-from gravity_comp_ros.description.robot_tree import HeldPositions
+    described_arm, DescribedArm, INERTIA_KEYS, Inertial, Positions)
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.export.changed_description import (
     changed_description, ChangedDescription, Links, NearestOptions)
@@ -18,7 +18,7 @@ import numpy as np
 
 
 def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
-                 held: HeldPositions = HeldPositions()) -> ChangedDescription:
+                 fixed: Positions = MappingProxyType({})) -> ChangedDescription:
     """
     Return a URDF with the masses and centres nearest to its own that give the model's torque.
 
@@ -28,7 +28,7 @@ def changed_urdf(data: bytes, model: GravityModel, source: str = 'URDF',
     :raises DataError: if the file is not a URDF, or has no masses on the arm.
     :raises ModelMismatchError: if it describes another arm.
     """
-    arm = described_arm(data, model.joints, source, held)
+    arm = described_arm(data, model.joints, source, fixed)
     edit = XmlEdit(data, source)
     elements = _elements(edit, arm)
     inertials = {name: inertial for name, inertial in arm.inertials().items()

@@ -126,8 +126,7 @@ def arm_limits(urdf: Path | str | None, recordings: Collection[Path], joints: Se
     :raises ModelMismatchError: if it describes another arm.
     """
     # Imports the XML parser.
-    from gravity_comp_ros.description.robot_tree import position_limits
-    from gravity_comp_ros.description.urdf import find_description
+    from gravity_comp_ros.description.robot_tree import find_description
     positions = None
     try:
         description = find_description(urdf, recordings)
@@ -135,7 +134,7 @@ def arm_limits(urdf: Path | str | None, recordings: Collection[Path], joints: Se
             raise CollisionsUnchecked('this requires a description with collision geometry '
                                       '(--urdf)')
         text, source = description.text, description.source
-        positions = position_limits(text, joints, source)
+        positions = description.position_limits(joints)
         check = self_collision(text if isinstance(text, str) else text.decode('utf-8', 'replace'),
                                joints, recorded, description.folder)
     except (CollisionsUnchecked, GravityCompError) as problem:

@@ -10,7 +10,7 @@ import sys
 from bench.shared.browser import EVIL, EVIL_BAG, expect, INJECT, LINK, LIVELY
 from bench.shared.rough_links import two_link_urdf, two_links
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.description.urdf import parse_urdf
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -55,7 +55,7 @@ def contents():
     slow = samples.select(np.arange(0, 24_000, 40))
     model = fit(slow, FitOptions('potential')).model
     return Contents(samples, model, compare(model, slow), '',
-                    (), '', arm=parse_urdf(two_link_urdf(), samples.names))
+                    (), '', arm=described_arm(two_link_urdf(), samples.names).geometry)
 
 
 def test_a_report_is_one_file_with_all_sections_in_order(diagnosed):

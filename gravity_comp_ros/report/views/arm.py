@@ -9,7 +9,8 @@ from bokeh.events import Pan, PanStart
 from bokeh.layouts import column, row
 from bokeh.models import (
     ColorBar, ColumnDataSource, CustomJS, Div, LinearColorMapper, Range1d, Slider, UIElement)
-from gravity_comp_ros.description.urdf import find_description, parse_urdf
+from gravity_comp_ros.description.links import DescribedArm
+from gravity_comp_ros.description.robot_tree import find_description
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.report import css, markup
@@ -43,7 +44,7 @@ def find_arm(paths: Sequence[Path], joints: Sequence[str],
     """
     try:
         description = find_description(urdf, paths)
-        return None if description is None else parse_urdf(description.text, joints)
+        return None if description is None else DescribedArm(description, joints).geometry
     except GravityCompError:
         if urdf is not None:
             raise

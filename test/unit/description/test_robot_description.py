@@ -4,7 +4,7 @@ from bench.shared import urdf_snippets as robots
 from bench.shared.recordings import messages, START_NS, STORE, write_folder
 from gravity_comp_ros.description.joint_order import (
     AS_RECORDED, DESCRIPTION, joint_order, JointOrder, NAMES)
-from gravity_comp_ros.description.urdf import find_description
+from gravity_comp_ros.description.robot_tree import find_description
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.bag import (
     decode_string, encode_string, joint_positions, robot_description)
@@ -66,7 +66,7 @@ def test_the_latest_one_and_the_one_in_a_namespace(tmp_path):
 def test_bags_without_one(tmp_path):
     plain = write_folder(tmp_path / 'plain', {'/joint_states': messages()})
     empty = write_bag(tmp_path / 'empty', {'/robot_description': []})
-    full = write_bag(tmp_path / 'full', {'/robot_description': [string('<robot/>')]})
+    full = write_bag(tmp_path / 'full', {'/robot_description': [string('<robot name="a"/>')]})
     assert robot_description(plain) is None and robot_description(empty) is None
     assert find_description(None, [plain, empty]) is None
     assert find_description(None, [plain, full]).source == '/robot_description in full'

@@ -4,9 +4,8 @@ from pathlib import Path
 
 from bench.shared import urdf_snippets as robots
 from bench.shared.serial_arms import poses
-from gravity_comp_ros.description.links import described_arm, frame_parameters
-from gravity_comp_ros.description.robot_tree import arm_joints, HeldPositions
-from gravity_comp_ros.description.urdf import held_joints, parse_urdf
+from gravity_comp_ros.description.links import described_arm, DescribedArm, frame_parameters
+from gravity_comp_ros.description.robot_tree import parse_tree
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.codec import decode, encode
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
@@ -59,10 +58,10 @@ def test_the_urdf_matches_the_simulated_arm():
 
 
 def test_joints_are_in_the_order_of_the_arm():
-    geometry = parse_urdf(TILTED, ('c', 'a', 'b'))
+    geometry = described_arm(TILTED, ('c', 'a', 'b')).geometry
     assert geometry.joints == ('a', 'b', 'c') and geometry.link == 'hand'
     # The first joints of an arm are an arm.
-    assert parse_urdf(TILTED, ('b', 'a')).link == 'two'
+    assert described_arm(TILTED, ('b', 'a')).geometry.link == 'two'
 
 
 @pytest.mark.parametrize('text, joints, error, message', [
@@ -94,7 +93,7 @@ def test_joints_are_in_the_order_of_the_arm():
 ])
 def test_invalid_descriptions_are_refused(text, joints, error, message):
     with pytest.raises(error, match=message) as caught:
-        parse_urdf(text, joints, 'arm.urdf')
+        described_arm(text, joints, 'arm.urdf')
     assert '\n' not in str(caught.value)
 
 
@@ -168,7 +167,7 @@ def check_axes(text: str, geometry: Geometry, held: dict[str, float]) -> None:
 ], ids=lambda value: None)
 def test_axes_of_robots(text, joints, fixed, held):
     # Any order of the joints.
-    geometry = parse_urdf(text, joints[::-1], held=HeldPositions(fixed))
+    geometry = described_arm(text, joints[::-1], fixed=fixed).geometry
     assert geometry.joints == joints
     assert {joint.name: joint.value for joint in geometry.held} == held
     check_axes(text, geometry, {**held, **fixed})
@@ -196,21 +195,23 @@ def test_random_paths_agree_with_pinocchio(steps):
     if not names:
         return
     text = robots.robot(*parts, root='l0')
-    geometry = parse_urdf(text, names, held=HeldPositions(recorded=held))
-    assert set(held_joints(text, names)) >= {joint.name for joint in geometry.held}
+    geometry = DescribedArm(parse_tree(text), names, recorded=held).geometry
+    assert set(described_arm(text, names).held_joints()) >= {
+        joint.name for joint in geometry.held}
     check_axes(text, geometry, held)
 
 
 def test_joints_that_the_geometry_depends_on():
-    assert held_joints(robots.HUMANOID, robots.HUMANOID_ARM) == ('waist_pitch_joint',)
-    assert held_joints(robots.TIAGO, robots.TIAGO_JOINTS) == ()
+    humanoid = described_arm(robots.HUMANOID, robots.HUMANOID_ARM)
+    assert humanoid.held_joints() == ('waist_pitch_joint',)
+    assert described_arm(robots.TIAGO, robots.TIAGO_JOINTS).held_joints() == ()
     # A yaw joint after a tilted one matters; so does a lift within the arm.
     tilted = robots.robot(robots.joint('lean', 'base_link', 'a', rpy='0 0 0', axis='0 1 0'),
                           robots.joint('yaw', 'a', 'b'), robots.joint('up', 'b', 'c', 'prismatic'),
                           robots.joint('one', 'c', 'd', axis='1 0 0'),
                           robots.joint('slide', 'd', 'e', 'prismatic'),
                           robots.joint('two', 'e', 'f', axis='0 1 0'))
-    assert held_joints(tilted, ('one', 'two')) == ('lean', 'yaw', 'slide')
+    assert described_arm(tilted, ('one', 'two')).held_joints() == ('lean', 'yaw', 'slide')
 
 
 def test_positions_of_held_joints():
@@ -219,7 +220,7 @@ def test_positions_of_held_joints():
     text = robots.robot(one, robots.joint('arm', 'a', 'b', axis='0 1 0'))
 
     def held(**where):
-        geometry = parse_urdf(text, ('arm',), held=HeldPositions(**where))
+        geometry = DescribedArm(parse_tree(text), ('arm',), **where).geometry
         return [(j.value, j.by) for j in geometry.held]
 
     assert held() == [(1.0, 'assumption')]  # its limits exclude 0
@@ -229,7 +230,7 @@ def test_positions_of_held_joints():
         with pytest.raises(OptionError, match=message):
             held(fixed=wrong)
     with pytest.raises(OptionError, match='cannot be held'):
-        HeldPositions({'waist': float('nan')})
+        held(fixed={'waist': float('nan')})
 
 
 def test_mimic_joints():
@@ -239,47 +240,47 @@ def test_mimic_joints():
                             robots.joint('b', 'l1', 'l2', axis='0 1 0'),
                             robots.joint('follower', 'l2', 'l3', axis='0 1 0', extra=rule),
                             robots.joint('c', 'l3', 'l4', axis='1 0 0'))
-    geometry = parse_urdf(text('b'), ('a', 'c'), held=HeldPositions({'b': 0.3}))
+    geometry = described_arm(text('b'), ('a', 'c'), fixed={'b': 0.3}).geometry
     assert [(j.name, round(j.value, 12)) for j in geometry.held] == [('b', 0.3),
                                                                      ('follower', -0.5)]
-    assert held_joints(text('b'), ('a', 'c')) == ('b',)
+    assert described_arm(text('b'), ('a', 'c')).held_joints() == ('b',)
     with pytest.raises(ModelMismatchError, match='follower within the arm mimics a: a linkage'):
-        parse_urdf(text('a'), ('a', 'b', 'c'))
+        described_arm(text('a'), ('a', 'b', 'c'))
     with pytest.raises(ModelMismatchError, match='follower mimics a; leave it out'):
-        parse_urdf(text('a'), ('a', 'b', 'follower'))
+        described_arm(text('a'), ('a', 'b', 'follower'))
     with pytest.raises(DataError, match='mimics absent, which is not there'):
-        parse_urdf(text('absent'), ('a', 'b', 'c'))
+        described_arm(text('absent'), ('a', 'b', 'c'))
     with pytest.raises(DataError, match='mimics itself'):
-        parse_urdf(text('follower'), ('a', 'b', 'c'))
+        described_arm(text('follower'), ('a', 'b', 'c'))
 
 
 def test_selection_of_the_arm_joints():
     recorded = sorted([*robots.PANDA_JOINTS, 'panda_finger_joint1', 'panda_finger_joint2'])
-    joints, left_out = arm_joints(robots.PANDA, recorded)
+    joints, left_out = parse_tree(robots.PANDA).arm_joints(recorded)
     assert joints == robots.PANDA_JOINTS
     assert set(left_out) == {'panda_finger_joint1', 'panda_finger_joint2'}
     both = [f'{side}_{part}' for side in ('left', 'right') for part in robots.BAXTER_PARTS]
     with pytest.raises(ModelMismatchError, match='2 different branches: left_s0.*[|] right_s0.*'
                                                  '--joints left_s0,left_s1,left_e0'):
-        arm_joints(robots.BAXTER, both)
+        parse_tree(robots.BAXTER).arm_joints(both)
     with pytest.raises(ModelMismatchError, match='no joint elbow'):
-        arm_joints(robots.PANDA, ['elbow'])
+        parse_tree(robots.PANDA).arm_joints(['elbow'])
     with pytest.raises(ModelMismatchError, match='torso_lift_joint is prismatic'):
-        parse_urdf(robots.TIAGO, ('torso_lift_joint', *robots.TIAGO_JOINTS))
+        described_arm(robots.TIAGO, ('torso_lift_joint', *robots.TIAGO_JOINTS))
 
 
 def test_namespace_blank_line_and_expanded_xacro():
     text = robots.UR.replace('<robot ', '<robot xmlns="http://www.ros.org" '
                              'xmlns:xacro="http://ros.org/wiki/xacro" ')
-    plain = parse_urdf(robots.UR, robots.UR_JOINTS)
+    plain = described_arm(robots.UR, robots.UR_JOINTS).geometry
     for other in (text, '\n\n' + text, '\ufeff' + text, b'\n' + text.encode()):
-        again = parse_urdf(other, robots.UR_JOINTS)
+        again = described_arm(other, robots.UR_JOINTS).geometry
         np.testing.assert_array_equal(again.rotations, plain.rotations)
 
 
 def test_a_malformed_axis_outside_the_arm_is_ignored():
     wheel = robots.joint('wheel', 'base_link', 'rim', 'continuous', axis='0 0 0')
     text = robots.UR.replace('</robot>', f'{wheel}</robot>')
-    assert parse_urdf(text, robots.UR_JOINTS).joints == robots.UR_JOINTS
+    assert described_arm(text, robots.UR_JOINTS).geometry.joints == robots.UR_JOINTS
     with pytest.raises(DataError, match='axis of continuous joint wheel has no direction'):
-        parse_urdf(text, ('wheel',))
+        described_arm(text, ('wheel',))

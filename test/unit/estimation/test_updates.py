@@ -7,7 +7,7 @@ from bench.cases.arms import generated_arm, small_motion
 from bench.shared.campaign import campaign
 from bench.shared.serial_arms import samples_of, worst
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.urdf import parse_urdf
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import DataError, FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_update import _spread
 from gravity_comp_ros.estimation.estimate import FitOptions
@@ -26,8 +26,8 @@ import pytest
 
 ARM, NOISE = arms.iiwa7(), 0.1
 LATER = motions.eq17(start=100.0).q
-IIWA = parse_urdf((Path(__file__).resolve().parents[3] / 'bags' / 'iiwa7.urdf').read_bytes(),
-                  ARM.joints)
+IIWA = described_arm((Path(__file__).resolve().parents[3] / 'bags' / 'iiwa7.urdf').read_bytes(),
+                     ARM.joints).geometry
 COM = (0.02, 0.03, 0.1)
 
 

@@ -9,7 +9,6 @@ from bench.shared.urdf_snippets import pinocchio_torque
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.description.links import described_arm
-from gravity_comp_ros.description.urdf import parse_urdf
 from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
@@ -92,7 +91,7 @@ def test_pinocchio_gives_the_torque_of_the_model(urdf, joints):
 
 def test_a_fitted_model_with_two_kilograms_on_the_flange():
     samples = slow_samples(read_bag(BAGS / 'eq17_2kg.mcap').samples).samples
-    geometry = parse_urdf(IIWA, samples.names)
+    geometry = described_arm(IIWA, samples.names).geometry
     for options in (FitOptions(formulation='chain', geometry=geometry),
                     FitOptions(formulation='chain')):
         model = fit(samples, options).model

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from bench.shared.node_messages import motion, Nodes, torque
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.description.urdf import parse_urdf
+from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import save_model
@@ -45,4 +45,4 @@ def model_file(tmp_path_factory):
 def geometry():
     """Return the axes of the iiwa in its description."""
     urdf = Path(__file__).resolve().parents[3] / 'bags' / 'iiwa7.urdf'
-    return parse_urdf(urdf.read_bytes(), iiwa7().joints)
+    return described_arm(urdf.read_bytes(), iiwa7().joints).geometry
