@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from gravity_comp_ros.diagnosis.findings import Finding as Finding
     from gravity_comp_ros.diagnosis.findings import Verdict as Verdict
     from gravity_comp_ros.errors import GravityCompError as GravityCompError
-    from gravity_comp_ros.errors import Hint as Hint
     from gravity_comp_ros.evaluation.compare import Comparison as Comparison
     from gravity_comp_ros.planning.expected import MotionPlan as MotionPlan
     from gravity_comp_ros.planning.workspace import PlanOptions as PlanOptions
@@ -53,11 +52,11 @@ _MODULES = {
     'Comparison': 'evaluation.compare', 'Diagnosis': 'diagnosis.findings',
     'MotionPlan': 'planning.expected', 'PlanOptions': 'planning.workspace',
     'Finding': 'diagnosis.findings', 'Verdict': 'diagnosis.findings',
-    'GravityCompError': 'errors', 'Hint': 'errors',
+    'GravityCompError': 'errors',
 }
 __all__ = ['add_effects', 'compare', 'Comparison', 'diagnose', 'Diagnosis', 'Finding', 'fit',
-           'GateOptions', 'GravityCompError', 'Hint', 'load', 'Model', 'MotionPlan',
-           'plan', 'PlanOptions', 'read', 'Recording', 'update', 'Verdict']
+           'GateOptions', 'GravityCompError', 'load', 'Model', 'MotionPlan', 'plan',
+           'PlanOptions', 'read', 'Recording', 'update', 'Verdict']
 
 
 def __getattr__(name: str) -> Any:

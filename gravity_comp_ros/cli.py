@@ -110,7 +110,7 @@ def _overview(argv: list[str]) -> int:
 
 def _run_verb(verb: str, argv: list[str]) -> int:
     # Numerical modules are imported only now, when the number of threads is set.
-    from gravity_comp_ros.commands.arguments import message_of, verb_parser
+    from gravity_comp_ros.commands.arguments import verb_parser
     from gravity_comp_ros.commands.html import write_error
     from gravity_comp_ros.commands.outputs import check_outputs
     parser = verb_parser(verb)
@@ -122,7 +122,7 @@ def _run_verb(verb: str, argv: list[str]) -> int:
         answer = importlib.import_module(f'gravity_comp_ros.commands.{verb}').run(args)
     except GravityCompError as problem:
         if getattr(args, 'html', None) is not None:
-            write_error(args.html, message_of(problem))
+            write_error(args.html, str(problem))
         raise
     return answer if isinstance(answer, int) else int(answer.give(args.json))
 
@@ -130,8 +130,7 @@ def _run_verb(verb: str, argv: list[str]) -> int:
 def _one_line(error: Exception) -> str:
     """Return the error message for the user."""
     if isinstance(error, GravityCompError):
-        from gravity_comp_ros.commands.arguments import message_of
-        return message_of(error)
+        return str(error)
     if isinstance(error, ImportError):
         missing = (error.name or '').split('.')[0]
         if missing in PACKAGES:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder
-from gravity_comp_ros.errors import DataError, GravityCompError, Hint, OptionError
+from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -133,8 +133,8 @@ def known_arm(recording: Recording, options: ArmOptions = ArmOptions(),
             raise
         return replace(arm, problem=f'robot description not used: {problem}')
     if options.fixed:
-        raise OptionError('fixed joints need a robot description: no recording contains one',
-                          Hint.NAME_DESCRIPTION)
+        raise OptionError('fixed joints need a robot description: no recording contains one: '
+                          'name a file with --urdf')
     if model is not None and model.geometry is not None:
         return replace(arm, geometry=model.geometry, notes=('axes of the model',))
     return arm
@@ -185,6 +185,7 @@ def described(tree: RobotTree, reports: Sequence[ReadReport], joints: Sequence[s
         span = np.ptp(np.concatenate(own))
         if span > _AT_REST:
             raise DataError(f'joint {name} moves by {span:.3g} during the recordings, and it '
-                            f'carries the arm', Hint.HELD_JOINT_MOVES)
+                            f'carries the arm: learn it as a joint of the arm (--joints), or give '
+                            f'its position (--fixed JOINT=VALUE)')
         recorded[name] = float(np.median(own[0]))
     return DescribedArm(tree, joints, fixed, recorded)

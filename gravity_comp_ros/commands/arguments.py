@@ -13,28 +13,12 @@ from typing import Any, NoReturn
 from gravity_comp_ros.api.axes import ArmOptions, NO_DESCRIPTION
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.errors import GravityCompError, Hint, OptionError
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.recordings.read_options import BAG_UNITS, OPTIONS, ReadOptions
 from gravity_comp_ros.recordings.units import ANGLE_HELP, radians_per_unit
 
 DRAWN = 'robot description for the three-dimensional drawing of the arm'
-
-# Remedies of errors, in terms of the options.
-_HINTS = {
-    Hint.SLOW_MOTION: 'record slow motion, raise --max-speed, or pass --all-samples',
-    Hint.IN_MODEL: '`gravity_comp add --undo` removes the last addition',
-    Hint.NAME_DESCRIPTION: 'name a file with --urdf',
-    Hint.HELD_JOINT_MOVES: 'learn it as a joint of the arm (--joints), or give its position '
-                           '(--fixed JOINT=VALUE)',
-    Hint.INSTALL_EFFECT: 'install the package that provides it, or remove it with '
-                         '`gravity_comp add --undo`',
-}
-
-
-def message_of(error: GravityCompError) -> str:
-    """Return the message of an error, with its remedy."""
-    return error.message if error.hint is None else f'{error.message}: {_HINTS[error.hint]}'
 
 
 def number(kind: type[float] | type[int], what: str,

@@ -17,7 +17,7 @@ from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.robot_tree import find_description, read_text
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import change, percent
-from gravity_comp_ros.errors import DataError, Hint, OptionError
+from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.facts.motion import MOTION, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -113,7 +113,8 @@ def described_in(args: argparse.Namespace, recording: Recording) -> DescribedArm
     """
     description = find_description(args.urdf, [report.path for report in recording.reports])
     if description is None:
-        raise DataError('no recording contains a robot description', Hint.NAME_DESCRIPTION)
+        raise DataError('no recording contains a robot description: name a file with '
+                        '--urdf')
     return described(description, recording.reports, description.arm_joints(recording.joints)[0],
                      args.fixed)
 

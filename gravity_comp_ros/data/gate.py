@@ -10,7 +10,7 @@ from gravity_comp_ros.data.differentiation import with_accelerations
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.errors import DataError, Hint, OptionError
+from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.printable import counted
 import numpy as np
 
@@ -154,7 +154,8 @@ def apply_gate(samples: JointSamples, options: GateOptions | None) -> GateResult
         limit = options.max_speed
         limits = f'{limit:g}' if isinstance(limit, float) else ', '.join(f'{x:g}' for x in limit)
         raise DataError(f'none of the {samples.n_samples} samples is slow (every joint under '
-                        f'{limits} rad/s)', Hint.SLOW_MOTION)
+                        f'{limits} rad/s): record slow motion, raise the limit (--max-speed, '
+                        f'GateOptions.max_speed), or use all samples (--all-samples, gate=None)')
     return result
 
 

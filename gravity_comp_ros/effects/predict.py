@@ -18,7 +18,7 @@ from gravity_comp_ros.effects.effect import Effect, Needs
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import LiveElement, smooth_sign
 from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins
-from gravity_comp_ros.errors import Hint, ModelMismatchError
+from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -111,7 +111,8 @@ class EffectInUse:
             broken = broken_plug_ins()
             why = f' ({broken[0]})' if broken else ''
             raise ModelMismatchError(f'the model has an effect {printable(applied.name)} that is '
-                                     f'not installed here{why}', Hint.INSTALL_EFFECT)
+                                     f'not installed here{why}: install the package that '
+                                     f'provides it, or remove it (`gravity_comp add --undo`)')
         joint = 0 if applied.joint is None else model.joints.index(applied.joint)
         symbols = [c.symbol for c in effect.coefficients_of(motion, joint, applied.setting)]
         if set(symbols) != set(applied.coefficients):

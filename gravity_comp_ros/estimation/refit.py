@@ -14,7 +14,7 @@ from typing import Any
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.registry import all_effects, Request
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
-from gravity_comp_ros.errors import DataError, FitError, Hint
+from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.estimate import CHOICES, Estimate, estimate, FitOptions, Progress
 from gravity_comp_ros.estimation.estimated_model import (
     alternatives_of, gain_of_dynamics, has_dynamics, is_absorbed, model_of, target_of)
@@ -165,7 +165,8 @@ def _missing(model: GravityModel, effects: Sequence[Request]) -> tuple[list[Requ
                if model.applied.has(request.effect.name, request.joint)]
     named = [request.target for request in present if request.named]
     if named:
-        raise DataError(f'{named[0]} cannot be added: {_PRESENT}', Hint.IN_MODEL)
+        raise DataError(f'{named[0]} cannot be added: {_PRESENT} (an undo, `gravity_comp add '
+                        f'--undo`, removes the last addition)')
     return ([request for request in effects if request not in present],
             [request.target for request in present])
 

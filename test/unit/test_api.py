@@ -184,13 +184,13 @@ def test_split_parts_are_disjoint_and_record_the_holdout(data):
     assert gap > 2.0 and len(test.slow) == test.holdout.n_samples
 
 
-def test_hints_for_python_and_for_the_command_line(bags, data, tmp_path, capsys):
+def test_an_error_names_the_remedy_in_python_and_in_a_terminal(bags, data, capsys):
     fast = gc.GateOptions(max_speed=1e-9)
     with pytest.raises(DataError) as error:
         gc.fit(gc.Recording(data.samples, fast))
-    assert error.value.hint is gc.Hint.SLOW_MOTION and 'gate=None' in str(error.value)
+    assert 'gate=None' in str(error.value)
     again = pickle.loads(pickle.dumps(error.value))  # as from a worker process
-    assert str(again) == str(error.value) and again.hint is error.value.hint
+    assert str(again) == str(error.value)
     assert cli.main(['fit', bags[0], '--max-speed', '1e-9']) == 1
     assert '--all-samples' in capsys.readouterr().err
     with pytest.raises(OptionError, match='did you mean'):

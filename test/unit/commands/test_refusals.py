@@ -106,7 +106,7 @@ REFUSALS = [
     (1, 'fit good.mcap --urdf arm.urdf --fixed elbow=1', 'part of the arm'),
     (1, 'fit good.mcap --urdf none --fixed waist=1', 'none is to be used'),
     (2, 'compare good.mcap --model m.json --html good.mcap', 'does not end in .html'),
-    (1, 'compare good.mcap --model arm.json --max-speed 1e-6', 'pass --all-samples'),
+    (1, 'compare good.mcap --model arm.json --max-speed 1e-6', 'use all samples (--all-samples'),
     (1, 'compare other.mcap --model arm.json', 'no joint shoulder'),
     (1, 'compare good.mcap --model arm.json --joints wrist', 'no joint wrist'),
     (1, 'compare good.mcap --model arm.json --holdout', 'was fitted without --holdout'),
