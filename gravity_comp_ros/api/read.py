@@ -15,7 +15,7 @@ from gravity_comp_ros.description.joint_order import NAMES
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.torque_facts import torque_facts, WholeArm
-from gravity_comp_ros.facts.fact import accepted_kinds, Fact, refused, unless_accepted
+from gravity_comp_ros.facts.fact import Fact, refused, unless_accepted
 from gravity_comp_ros.models.gravity_model import GravityModel
 if TYPE_CHECKING:
     # Imports file-format libraries, which arrays do not need.
@@ -139,8 +139,7 @@ def arm_facts(recording: Recording, arm: KnownArm | None = None,
         by_name = geometry is None and arm.order.source == NAMES
     facts = torque_facts(recording.samples, rotations, model, _whole_arm(recording), by_name,
                          min_ratio)
-    accept = accepted_kinds(recording.reports[0].options.accept)
-    return [unless_accepted(fact, accept) for fact in facts]
+    return [unless_accepted(fact, recording.reports[0].options.accept) for fact in facts]
 
 
 def check_facts(facts: Sequence[Fact], where: str = '') -> None:

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> Answer:
     """Read, cut and write."""
     # The parts are written as recorded.
     recording = read_bag(args.bag, ReadOptions(
-        args.topic, args.joints, accept=tuple(kind.value for kind in Kind)))
+        args.topic, args.joints, accept=tuple(Kind)))
     report, parts = recording.report, _parts(args, recording.samples)
     for path in parts:
         if path.exists() and path.resolve() == args.bag.resolve():

@@ -91,7 +91,7 @@ def axis_facts(fit: ArmFit, rotations: FloatArray, earlier: GravityModel | None 
 def _fact(names: tuple[str, ...], evidence: str, done: str, option: str,
           values: dict[str, float] | None = None) -> Fact:
     return Fact(Kind.AXES, names, f'{evidence}, by the torques', Action.REFUSED, done,
-                f'{option}, or --accept {Kind.AXES.value} if the axes are right', values or {})
+                f'{option}, or --accept {Kind.AXES} if the axes are right', values or {})
 
 
 def _changes(n: int) -> list[tuple[FloatArray, FloatArray]]:

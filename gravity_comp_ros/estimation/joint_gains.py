@@ -95,7 +95,7 @@ class JointGains:
             Action.REFUSED, 'the weight of the same links loads these joints, so that units, '
             'rated torques, gear ratios or torque constants differ',
             f'--effort-scale {scales} converts to the unit of {unit}; '
-            f'--accept {Kind.EFFORT_GAIN.value} keeps them', ratios)]
+            f'--accept {Kind.EFFORT_GAIN} keeps them', ratios)]
 
     def _ratio(self, n: int, of_what: str) -> str:
         low, ratio, high = np.exp(self.log[n] + self.std[n] * np.array([-HALF_95, 0.0, HALF_95]))
@@ -152,7 +152,7 @@ def common_gain(model: GravityModel, samples: JointSamples) -> list[Fact]:
         Kind.EFFORT_GAIN, tuple(names), f'the efforts of {listed(names, len(samples.names))} are '
         f'{ratio:.3g} times those of the earlier model, with friction', Action.REFUSED,
         'the unit of effort differs', f'--effort-scale {scales} converts to that of the model; '
-        f'--accept {Kind.EFFORT_GAIN.value} keeps them', dict.fromkeys(names, ratio))]
+        f'--accept {Kind.EFFORT_GAIN} keeps them', dict.fromkeys(names, ratio))]
 
 
 def joint_gains(fit: ArmFit) -> JointGains:

@@ -55,7 +55,7 @@ class MovedBase:
             Kind.MOVED_BASE, (), evidence, Action.REFUSED, 'the base tilted, and a model has one '
             'vertical; learn from the parts before and after it separately',
             f'`gravity_comp cut` with --to and --from writes them; --accept '
-            f'{Kind.MOVED_BASE.value} learns from all of it')]
+            f'{Kind.MOVED_BASE} learns from all of it')]
 
 
 def moved_base(fit: ArmFit) -> MovedBase | None:

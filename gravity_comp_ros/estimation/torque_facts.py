@@ -103,7 +103,7 @@ def _order_facts(fit: ArmFit, samples: JointSamples) -> list[Fact]:
                 Kind.ORDER, tuple(renames), f'no arm has these efforts in the order of the names; '
                 f'one has them if {values}', Action.REFUSED,
                 'the values are in another order than the names, as after a sort by name',
-                f'--rename {pairs}, or --accept {Kind.ORDER.value} if the names are right')]
+                f'--rename {pairs}, or --accept {Kind.ORDER} if the names are right')]
     return []
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum
+from enum import StrEnum
 from types import MappingProxyType
 from typing import Any
 
@@ -13,8 +13,8 @@ from gravity_comp_ros.printable import counted
 from numpy.typing import NDArray
 
 
-class Kind(Enum):
-    """The kinds of facts; the values are the names in JSON and of `--accept`."""
+class Kind(StrEnum):
+    """The kinds of facts, by their names in JSON and of `--accept`."""
 
     EFFORT_UNIT = 'effort_unit'
     ANGLE_UNIT = 'angle_unit'
@@ -40,7 +40,7 @@ class Kind(Enum):
     MOTION = 'motion'
 
 
-class Action(Enum):
+class Action(StrEnum):
     """Default treatment of a fact."""
 
     NOTED = 'noted'
@@ -77,23 +77,21 @@ class Fact:
 
     def to_json(self) -> dict[str, Any]:
         """Return the fact as an object of `--json`."""
-        return {'kind': self.kind.value, 'joints': sorted(self.joints), 'evidence': self.evidence,
-                'action': self.action.value, 'done': self.done, 'option': self.otherwise,
+        return {'kind': self.kind, 'joints': sorted(self.joints), 'evidence': self.evidence,
+                'action': self.action, 'done': self.done, 'option': self.otherwise,
                 'values': dict(self.values)}
 
 
-def accepted_kinds(names: Collection[str]) -> frozenset[Kind]:
+def check_kinds(names: Collection[str]) -> None:
     """
-    Return the kinds of facts with these names.
+    Check names of kinds of facts.
 
-    :raises OptionError: if a name is unknown.
+    :raises OptionError: if one is unknown.
     """
-    known = {kind.value: kind for kind in Kind}
-    unknown = [name for name in names if name not in known]
+    unknown = sorted(set(names) - set(Kind))
     if unknown:
         raise OptionError(f'no kind of fact is named {", ".join(unknown)}; they are '
-                          f'{", ".join(known)}')
-    return frozenset(known[name] for name in names)
+                          f'{", ".join(Kind)}')
 
 
 def refused(facts: Sequence[Fact]) -> list[Fact]:
@@ -101,7 +99,7 @@ def refused(facts: Sequence[Fact]) -> list[Fact]:
     return [fact for fact in facts if fact.action is Action.REFUSED]
 
 
-def unless_accepted(fact: Fact, accept: Collection[Kind]) -> Fact:
+def unless_accepted(fact: Fact, accept: Collection[str]) -> Fact:
     """Return a fact; of an accepted kind it is noted, and the recording is read as it is."""
     return fact if fact.kind not in accept else replace(
         fact, action=Action.NOTED, done='accepted', otherwise='')
@@ -117,7 +115,7 @@ def rows_left_out(kind: Kind, joints: Sequence[str], evidence: str, rows: NDArra
     """
     return Fact(kind, tuple(joints), evidence, Action.LEFT_OUT,
                 f'{reason}{counted(int(rows.sum()), "sample")} left out',
-                f'--accept {kind.value} keeps them', values)
+                f'--accept {kind} keeps them', values)
 
 
 def listed(names: Sequence[str], total: int) -> str:

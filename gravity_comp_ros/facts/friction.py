@@ -105,7 +105,7 @@ def _exchanged(signals: Signals, by_joint: Mapping[str, Shares]) -> Fact | None:
     return Fact(
         Kind.ORDER, tuple(names[n] for n in cycle), f'efforts have the friction of other joints: '
         f'{parts}', Action.REFUSED, 'efforts are exchanged between joints; correct their order '
-        'in the driver', f'--accept {Kind.ORDER.value} if it is right')
+        'in the driver', f'--accept {Kind.ORDER} if it is right')
 
 
 def _sign(by_joint: Mapping[str, Shares]) -> Fact | None:

@@ -7,7 +7,7 @@ Each step sees the signals that the steps before it corrected. A fact that the r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.differentiation import differentiate
@@ -38,7 +38,7 @@ class Judgement:
 
 
 def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool = False,
-          accept: frozenset[Kind] = frozenset()) -> Judgement:
+          accept: Collection[str] = ()) -> Judgement:
     """
     Return the facts about a recording of one run, and its corrected signals.
 
@@ -78,7 +78,7 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
     for step in _ROWS if len(signals) >= FACTS.min_samples else ():
         bad, of_rows = step(signals)
         if of_rows is not None and add(of_rows):
-            left_out[of_rows.kind.value] = int(bad.sum())
+            left_out[of_rows.kind] = int(bad.sum())
             signals = signals.keep(~bad)
     replaced, of_velocity = velocity_facts(signals, missing)
     add_all(of_velocity)

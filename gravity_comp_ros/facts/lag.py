@@ -64,7 +64,7 @@ def filtered_effort(signals: Signals) -> tuple[Signals, Fact | None]:
     fact = Fact(
         Kind.LAG, names, f'effort follows the motion late on {", ".join(names)}, as behind a '
         f'low-pass filter of {constant:.2g} s', Action.CORRECTED, 'the filter is undone, for '
-        'every joint; publish the effort without it if you can', f'--accept {Kind.LAG.value} '
+        'every joint; publish the effort without it if you can', f'--accept {Kind.LAG} '
         f'reads it as recorded', ratios)
     return replace(signals, tau=_undone(signals, constant)), fact
 

@@ -20,8 +20,7 @@ from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.subset_stability import last_part
 from gravity_comp_ros.estimation.torque_facts import torque_facts
 from gravity_comp_ros.evaluation.expected_residual import rms
-from gravity_comp_ros.facts.fact import (
-    accepted_kinds, Action, Fact, Kind, refused, unless_accepted)
+from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused, unless_accepted
 from gravity_comp_ros.facts.judge import judge
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.facts.signals import Signals
@@ -37,7 +36,7 @@ import numpy as np
 
 # Facts that the input shows before, at the full rate (kept samples are seconds apart), and
 # outliers, which a fit reports itself.
-_ELSEWHERE = frozenset({Kind.VELOCITY, Kind.GLITCHES, Kind.WRAPS, Kind.SPIKES})
+_ELSEWHERE = (Kind.VELOCITY, Kind.GLITCHES, Kind.WRAPS, Kind.SPIKES)
 
 
 def first_samples(job: Job) -> tuple[Job, Check]:
@@ -53,7 +52,7 @@ def first_samples(job: Job) -> tuple[Job, Check]:
     signals = Signals(samples.names, samples.t, samples.q, samples.qd, samples.tau,
                       np.arange(len(samples)))
     judgement = judge(signals, np.ones(samples.n_joints), none, True,
-                      accepted_kinds(job.settings.accept) | _ELSEWHERE)
+                      {*job.settings.accept, *_ELSEWHERE})
     kept = np.zeros(len(samples), dtype=bool)
     kept[judgement.signals.rows] = True
     rows = job.rows.select(kept)
@@ -77,7 +76,7 @@ def _facts_of_arm(job: Job, samples: JointSamples) -> list[Fact]:
         samples, None if geometry is None else geometry.rotations,
         by_name=geometry is None and order.joints == samples.names
         and order.source == NAMES)
-    return [unless_accepted(fact, accepted_kinds(job.settings.accept)) for fact in facts]
+    return [unless_accepted(fact, job.settings.accept) for fact in facts]
 
 
 def _sentence(fact: Fact) -> str:
@@ -87,7 +86,7 @@ def _sentence(fact: Fact) -> str:
         return text
     scaled = 'effort_scale, or ' * (fact.kind in (Kind.EFFORT_UNIT, Kind.EFFORT_SIGN,
                                                   Kind.EFFORT_GAIN))
-    return f'{text} (parameter {scaled}accept: [{fact.kind.value}] if it is right)'
+    return f'{text} (parameter {scaled}accept: [{fact.kind}] if it is right)'
 
 
 def reference_noise(expected: FloatArray, samples: JointSamples,

@@ -151,7 +151,7 @@ class Parameters:
     accept: tuple[str, ...] = parameter(
         (), 'Facts about the samples for which a first model is refused otherwise, by their names '
         'in the reply of `~/refit`, such as `effort_unit`.',
-        choices=tuple(kind.value for kind in Kind))
+        choices=tuple(Kind))
     settle_time: float = parameter(
         0.5, 'Time after `~/payload_changed` during which nothing is learned: the payload may '
         'swing.', 's', 0.0, 60.0)

@@ -13,8 +13,7 @@ from pathlib import Path
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.facts.fact import (
-    accepted_kinds, Action, Fact, Kind, refused, unless_accepted)
+from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused, unless_accepted
 from gravity_comp_ros.facts.judge import judge
 from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.facts.signals import Signals
@@ -43,7 +42,7 @@ class Cleaning:
     def __init__(self, where: str, columns: Columns, joints: tuple[str, ...], notes: list[str],
                  facts: list[Fact], options: ReadOptions) -> None:
         self.where, self.joints, self.notes, self.facts = where, joints, notes, facts
-        self.options, self.accept = options, accepted_kinds(options.accept)
+        self.options = options
         self.dropped = Counter(columns.dropped)
         columns.put_in_order(FACTS.max_steps)
         self.log_ns, self.stamp_ns = columns.log_ns, columns.stamp_ns
@@ -57,9 +56,9 @@ class Cleaning:
             self.tau = sign * self.tau
         second, fact = _second_publisher(columns, joints, self.q, self.tau)
         if fact is not None:
-            self.facts.append(unless_accepted(fact, self.accept))
-            second &= fact.kind not in self.accept
-        self._keep(~second, NOT_FINITE if fact is None else fact.kind.value)
+            self.facts.append(unless_accepted(fact, options.accept))
+            second &= fact.kind not in options.accept
+        self._keep(~second, NOT_FINITE if fact is None else fact.kind)
         self._keep(self.present.any(axis=1), OTHER_JOINTS)
         self._note_missing()
         self._keep(self.present.all(axis=1), MISSING)
@@ -83,7 +82,7 @@ class Cleaning:
             self.joints, time, self._release('q'), self._release('qd'),
             self._release('tau'), np.arange(len(self.times)))
         judged = judge(signals, np.array(list(scale.values())), missing,
-                       self.options.joints is not None, self.accept)
+                       self.options.joints is not None, self.options.accept)
         del signals
         self.dropped.update(judged.left_out)
         self.facts += judged.facts

@@ -9,7 +9,7 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.facts.fact import accepted_kinds, Fact
+from gravity_comp_ros.facts.fact import check_kinds, Fact
 from gravity_comp_ros.recordings.units import (
     check_effort_unit, EFFORT_UNITS, radians_per_unit, SHARE_UNITS, TORQUE_UNITS)
 import numpy as np
@@ -72,7 +72,7 @@ class ReadOptions:
         unit = self.position_unit
         for one in [unit] if isinstance(unit, str) else unit.values():
             radians_per_unit(one)
-        accepted_kinds(self.accept)
+        check_kinds(self.accept)
         for what, values in (('effort scale', self.effort_scale),
                              ('rated torque', self.rated_torque)):
             for joint, value in values.items():

@@ -8,7 +8,7 @@ import re
 
 from gravity_comp_ros.data.samples import joint_named, rename_hint
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
-from gravity_comp_ros.facts.fact import accepted_kinds, Action, Fact, unless_accepted
+from gravity_comp_ros.facts.fact import Action, Fact, unless_accepted
 from gravity_comp_ros.facts.joints import named_facts
 from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.recordings.joint_columns import Columns
@@ -87,7 +87,7 @@ def choose_joints(where: str, columns: Columns, options: ReadOptions
     :raises BagError: if the joints are of several arms, or one is missing in at least half of the
         messages.
     """
-    facts = [] if options.joints else [unless_accepted(fact, accepted_kinds(options.accept))
+    facts = [] if options.joints else [unless_accepted(fact, options.accept)
                                        for fact in named_facts(columns.names)]
     left_out = {joint for fact in facts if fact.action is Action.LEFT_OUT
                 for joint in fact.joints}

@@ -8,7 +8,7 @@ from dataclasses import replace
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import CHOICES
-from gravity_comp_ros.facts.fact import accepted_kinds, refused
+from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.store import Choice
@@ -23,7 +23,7 @@ def form_html(session: Session) -> str:
     facts = [*(session.read.facts if session.read else ()),
              *(fact for report in reports for fact in report.facts)]
     # Kinds of facts that are refused, or were accepted.
-    kinds = dict.fromkeys([*choice.reading.accept, *(f.kind.value for f in refused(facts))])
+    kinds = dict.fromkeys([*choice.reading.accept, *(f.kind for f in refused(facts))])
     scales = [choice.reading.effort_scale.get(name, 1.0) for name in session.joints]
     is_changed = choice.reading.differentiate or any(scale != 1.0 for scale in scales)
     units = ''.join([
@@ -73,7 +73,6 @@ def choice_of(session: Session, form: Mapping[str, Sequence[str]]) -> Choice:
     scale = {name: _number(form[f'scale-{k}'][0], f'the scale of the effort of {name}')
              for k, name in enumerate(session.joints)}
     accept = tuple(form.get('accept', ()))
-    accepted_kinds(accept)
     reading = replace(session.choice.reading, accept=accept,
                       effort_scale={name: x for name, x in scale.items() if x != 1.0},
                       differentiate='differentiate' in form)
