@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gravity_comp_ros.api.recording import Recording
     from gravity_comp_ros.description.links import DescribedArm
     from gravity_comp_ros.description.robot_tree import RobotTree
-    from gravity_comp_ros.recordings.bag import ReadReport
+    from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 
 NO_DESCRIPTION = 'none'
 # Formulations that use known axes.
@@ -176,7 +176,8 @@ def described(tree: RobotTree, reports: Sequence[ReadReport], joints: Sequence[s
     if not names:
         return arm
     from gravity_comp_ros.recordings.bag import joint_positions
-    recordings = [joint_positions(report.path, names, report.topic) for report in reports]
+    recordings = [joint_positions(report.path, names, _of_joints(report, tree, names))
+                  for report in reports]
     recorded = {}
     for name in names:
         own = [positions[name] for positions in recordings if name in positions]
@@ -189,3 +190,11 @@ def described(tree: RobotTree, reports: Sequence[ReadReport], joints: Sequence[s
                             f'its position (--fixed JOINT=VALUE)')
         recorded[name] = float(np.median(own[0]))
     return DescribedArm(tree, joints, fixed, recorded)
+
+
+def _of_joints(report: ReadReport, tree: RobotTree, names: Sequence[str]) -> ReadOptions:
+    """Return the options of a recording; a unit of all angles is not that of prismatic joints."""
+    unit = report.options.position_unit
+    if isinstance(unit, str):
+        unit = {name: unit for name in names if tree.joints[name].revolute}
+    return replace(report.options, topic=report.topic, position_unit=unit)

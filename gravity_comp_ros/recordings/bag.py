@@ -7,7 +7,7 @@ recorder of all topics stores.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import struct
@@ -73,17 +73,17 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
 
 
 def joint_positions(path: Path | str, joints: Collection[str],
-                    topic: str | None = None) -> dict[str, FloatArray]:
+                    options: ReadOptions = ReadOptions()) -> dict[str, FloatArray]:
     """
     Return the finite recorded positions, in rad or m, of those `joints` that have any.
 
-    :param topic: JointState topic; None as in `choose_topic`.
+    :param options: topic; unit, names, zeros and signs of the positions.
     :raises BagError: if the recording cannot be read, or has no such topic.
     """
-    _, columns = _columns(Path(path), topic)
+    _, columns = _columns(Path(path), options.topic, options.rename)
     names = [name for name in columns.names if name in joints]
     finite = {name: values[np.isfinite(values)]
-              for name, values in zip(names, columns.values(names)[0].T)}
+              for name, values in zip(names, _positions(columns, names, options).T)}
     return {name: values for name, values in finite.items() if values.size}
 
 
@@ -104,8 +104,7 @@ def joint_goals(path: Path | str, topic: str, joints: tuple[str, ...],
     options = _with_joint_names(where, columns.names,
                                 replace(options, joints=joints, effort_scale={},
                                         effort_unit='Nm', rated_torque={}))
-    sign, unit, zero = options.to_model(joints)
-    goal = sign * (unit * columns.values(joints)[0] - zero)
+    goal = _positions(columns, joints, options)
     times = columns.stamp_ns if len(columns) and columns.stamp_ns.min() > 0 else columns.log_ns
     known = np.isfinite(goal).all(axis=1)
     if not known.any():
@@ -120,6 +119,11 @@ def _columns(path: Path, topic: str | None, rename: Mapping[str, str] | None = N
     with open_storage(path) as storage:
         topic = choose_topic(path, storage, topic)[0]
         return f'{path}, topic {topic}', Columns(storage, topic, rename)
+
+
+def _positions(columns: Columns, joints: Sequence[str], options: ReadOptions) -> FloatArray:
+    sign, unit, zero = options.to_model(joints)
+    return np.asarray(sign * (unit * columns.values(joints)[0] - zero))
 
 
 def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) -> ReadOptions:

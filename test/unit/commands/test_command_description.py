@@ -1,6 +1,8 @@
 """`fit` and `update` with the robot description of a recording."""
 
+from dataclasses import replace
 import json
+from math import pi
 
 from bench.shared import urdf_snippets as robots
 from bench.shared.command_line import run_json
@@ -56,9 +58,9 @@ def test_the_recordings_own_description_is_used(bags, tmp_path, capsys):
     assert bare['payload'] is None and bare['description'] is None
 
 
-def known(bag, joints=None, **axes):
+def known(bag, joints=None, options=ReadOptions(), **axes):
     """Return the arm of a recording, as every verb knows it."""
-    recording = read_recording([bag], ReadOptions(joints=joints), None)
+    recording = read_recording([bag], replace(options, joints=joints), None)
     return known_arm(recording, ArmOptions(**axes, ordered=joints is not None))
 
 
@@ -88,6 +90,17 @@ def test_the_description_of_another_robot_is_ignored(bags, tmp_path):
 def test_a_waist_that_is_not_a_joint_of_the_model(bags, bag, fixed, value, by):
     held = known(bags / bag, JOINTS, fixed=fixed).to_json()['held']
     assert held == {'waist': {'value': pytest.approx(value), 'by': by}}
+
+
+@pytest.mark.parametrize('options, value', [
+    ({}, WAIST), ({'position_unit': {'torso': 'deg'}}, WAIST * pi / 180),
+    ({'zero': {'torso': 0.1}, 'reverse': ('torso',)}, 0.1 - WAIST)])
+def test_a_waist_is_read_with_the_options_of_the_arm(bags, tmp_path, options, value):
+    options = {'rename': {'waist': 'torso'}, **options}
+    urdf = tmp_path / 'arm.urdf'
+    urdf.write_text(WAISTED.replace('"waist"', '"torso"'))
+    held = known(bags / 'leaning', JOINTS, ReadOptions(**options), urdf=urdf).to_json()['held']
+    assert held == {'torso': {'value': pytest.approx(value), 'by': 'recording'}}
 
 
 def test_a_moving_waist_is_reported(bags):
