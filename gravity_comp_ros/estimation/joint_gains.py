@@ -18,7 +18,7 @@ from gravity_comp_ros.effects.offset import TorqueGain
 from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
 from gravity_comp_ros.estimation.arm_fit import ArmFit
 from gravity_comp_ros.estimation.options import OPTIONS
-from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed
+from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed, TIMES_GIVEN
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.arm_solver import cost_of
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
@@ -94,7 +94,7 @@ class JointGains:
             Kind.EFFORT_GAIN, tuple(ratios), f'gains disagree: {", ".join(parts)}{also}',
             Action.REFUSED, 'the weight of the same links loads these joints, so that units, '
             'rated torques, gear ratios or torque constants differ',
-            f'--effort-scale {scales} converts to the unit of {unit}; '
+            f'--effort-scale {scales} {TIMES_GIVEN} converts to the unit of {unit}; '
             f'--accept {Kind.EFFORT_GAIN} keeps them', ratios)]
 
     def _ratio(self, n: int, of_what: str) -> str:
@@ -151,8 +151,8 @@ def common_gain(model: GravityModel, samples: JointSamples) -> list[Fact]:
     return [Fact(
         Kind.EFFORT_GAIN, tuple(names), f'the efforts of {listed(names, len(samples.names))} are '
         f'{ratio:.3g} times those of the earlier model, with friction', Action.REFUSED,
-        'the unit of effort differs', f'--effort-scale {scales} converts to that of the model; '
-        f'--accept {Kind.EFFORT_GAIN} keeps them', dict.fromkeys(names, ratio))]
+        'the unit of effort differs', f'--effort-scale {scales} {TIMES_GIVEN} converts to '
+        f'that of the model; --accept {Kind.EFFORT_GAIN} keeps them', dict.fromkeys(names, ratio))]
 
 
 def joint_gains(fit: ArmFit) -> JointGains:

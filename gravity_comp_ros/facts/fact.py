@@ -13,6 +13,10 @@ from gravity_comp_ros.printable import counted
 from numpy.typing import NDArray
 
 
+# Facts are about the effort as read: a scale that they name is a factor of the scale of reading.
+TIMES_GIVEN = 'times a scale given before'
+
+
 class Kind(StrEnum):
     """The kinds of facts, by their names in JSON and of `--accept`."""
 

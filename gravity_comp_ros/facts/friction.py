@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray
-from gravity_comp_ros.facts.fact import Action, Fact, Kind
+from gravity_comp_ros.facts.fact import Action, Fact, Kind, TIMES_GIVEN
 from gravity_comp_ros.facts.options import FACTS
 from gravity_comp_ros.facts.signals import Signals
 import numpy as np
@@ -124,7 +124,7 @@ def _sign(by_joint: Mapping[str, Shares]) -> Fact | None:
         Kind.EFFORT_SIGN, inverted, f'effort points against the motion on '
         f'{", ".join(against)}, opposite to friction', Action.REFUSED,
         'its sign looks reversed; a model of it would push the arm down',
-        f'--effort-scale {scales}, or --accept effort_sign if it is right',
+        f'--effort-scale {scales} {TIMES_GIVEN}, or --accept effort_sign if it is right',
         {name: known[name] for name in against})
 
 
