@@ -25,7 +25,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from gravity_comp_ros.api.read import read_recording
+from gravity_comp_ros.api.read import joined, read_each, read_recording
 from gravity_comp_ros.calibration.known_weight import (
     calibrate, CalibrationOptions, Weight, WeightCalibration)
 from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
@@ -74,8 +74,8 @@ def run(args: argparse.Namespace) -> Answer:
     if slow is not None and args.rate is None:
         slow = replace(slow, rate_hz=None)
     with terminal.progress() as report:
-        empty, loaded = (read_recording([path], options, slow, report)
-                         for path in (args.empty, args.loaded))
+        empty, loaded = (joined([run], slow) for run in read_each(
+            (args.empty, args.loaded), options, report))
         reports = (*empty.reports, *loaded.reports)
         arm = reading.described_in(args, replace(empty, reports=reports))
         weight = Weight(args.link or arm.geometry.link, args.mass,

@@ -119,6 +119,16 @@ def test_the_printed_option_calibrates(recordings, capsys):
                                                                rel=1e-3)
 
 
+def test_numbers_of_joints_are_those_of_the_first_recording(recordings):
+    samples = read_bag('loaded.mcap').samples
+    write_bag('loaded.mcap', [joint_states(samples.joints(samples.names[::-1]))])
+    for joint in ('2', 'iiwa_joint_2'):
+        assert main([*recordings, '--effort-scale', f'{joint}=-2', '--json', f'{joint}.json']) == 0
+    numbered, named = (json.loads(Path(name).read_text())['joints'] for name in (
+        '2.json', 'iiwa_joint_2.json'))
+    assert numbered == named
+
+
 @pytest.mark.parametrize(('change', 'message'), [
     (lambda a: [*a, '--link', 'tool9'], 'carries no link tool9'),
     (lambda a: [a[0], a[2], a[1], *a[3:]], 'the arm would weigh -1.2'),
