@@ -214,13 +214,16 @@ def diagnose_recording(recording: Recording, model: GravityModel | None = None,
     Identify the effects that a model does not include, from slow and fast samples.
 
     The diagnosis fits its own gravity. A model provides its effects, the joint axes, the joint
-    order and the formulation; it is fitted if one of them is required, or if `fits`.
+    order and the formulation; it is fitted if one of them is required, or if `fits`. Samples that
+    were held out of its fit are left out.
 
     :param learning: options of that fit.
     :raises DataError: if a fact on the joints is refused.
     """
     if model is not None:
         facts = checked_facts(recording, model=model)
+        use = not_held_out(model, recording)
+        recording = recording if use.all() else replace(recording, use=use)
     else:
         arm = known_arm(recording, learning)
         if (fits or arm.geometry is not None or arm.order.source == AS_RECORDED

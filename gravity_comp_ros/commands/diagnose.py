@@ -26,7 +26,7 @@ from pathlib import Path
 import time
 
 from gravity_comp_ros.api.axes import ArmOptions
-from gravity_comp_ros.api.steps import diagnose_recording, held_out_blocks, not_held_out
+from gravity_comp_ros.api.steps import diagnose_recording
 from gravity_comp_ros.commands import arguments, html, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.gate import GateOptions
@@ -75,8 +75,6 @@ def run(args: argparse.Namespace) -> Answer:
     started = time.perf_counter()
     with terminal.progress() as report:
         recording = replace(reading.load(args, report, is_gated=False), gate=GateOptions())
-        if model is not None and held_out_blocks(model, recording.reports):
-            recording = replace(recording, use=not_held_out(model, recording))
         learning = ArmOptions(urdf=args.urdf, ordered=args.joints is not None)
         diagnosed = diagnose_recording(recording, model, DiagnosisOptions(effects=args.effects),
                                        learning, report, fits=bool(args.html))

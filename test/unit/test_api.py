@@ -10,6 +10,7 @@ from bench.shared.rough_links import JOINTS, NOISE, two_links, WIDE
 from bench.shared.serial_arms import planar_2r
 import gravity_comp_ros as gc
 from gravity_comp_ros import cli
+from gravity_comp_ros.api.steps import diagnose_recording
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
@@ -182,6 +183,12 @@ def test_split_parts_are_disjoint_and_record_the_holdout(data):
     assert not (train.usable & test.usable).any() and len(train) + len(test) < len(one)
     gap = np.abs(train.used.t[:, None] - test.used.t[None, :]).min()
     assert gap > 2.0 and len(test.slow) == test.holdout.n_samples
+
+
+def test_data_held_out_of_the_fit_are_not_diagnosed(data, loop):
+    _, test, model, *_ = loop
+    used = diagnose_recording(data, model.gravity).recording.usable
+    assert used.any() and not (used & test.usable).any()
 
 
 def test_an_error_names_the_remedy_in_python_and_in_a_terminal(bags, data, capsys):
