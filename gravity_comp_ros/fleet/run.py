@@ -214,17 +214,10 @@ class FleetOptions:
     effects: tuple[str, ...] | None = None
 
 
-@dataclass(frozen=True)
-class RobotResult:
-    """
-    Result of one robot: its entry in `fleet --json`, and the reasons of its unreadable bags.
-
-    `content` of its file is the fitted model, or a diagnosis in the form of `diagnose --json`.
-    """
-
-    entry: dict[str, Any]
-    failed_bags: dict[str, str]
-    content: GravityModel | dict[str, Any]
+# Result of one robot as it is stored: `entry` of `fleet --json`, and reasons of `failed_bags`.
+Stored = dict[str, Any]
+# Content of its file: the fitted model, or a diagnosis in the form of `diagnose --json`.
+Content = GravityModel | dict[str, Any]
 
 
 @dataclass
@@ -235,6 +228,11 @@ class Outcome:
     failed_bags: dict[str, str] = field(default_factory=dict)
     failed_robots: dict[str, str] = field(default_factory=dict)
     resumed: int = 0
+
+    def add(self, name: str, stored: Stored) -> None:
+        """Add the result of a robot."""
+        self.robots[name] = stored['entry']
+        self.failed_bags |= stored['failed_bags']
 
 
 def run_fleet(robots: Mapping[str, tuple[Path, ...]], output: Path, options: FleetOptions,
@@ -262,8 +260,7 @@ def run_fleet(robots: Mapping[str, tuple[Path, ...]], output: Path, options: Fle
             pending.append((name, bags))
         else:
             outcome.resumed += 1
-            outcome.robots[name] = stored['entry']
-            outcome.failed_bags |= stored['failed_bags']
+            outcome.add(name, stored)
     tasks = run_tasks(cluster, partial(_result, options=options), pending) if pending else ()
     for count, (number, result, reason) in enumerate(tasks, start=1):
         name = pending[number][0]
@@ -271,13 +268,12 @@ def run_fleet(robots: Mapping[str, tuple[Path, ...]], output: Path, options: Fle
         if reason:
             outcome.failed_robots[name] = reason
             continue
-        _save(output, keys[name], result)
-        outcome.robots[name] = result.entry
-        outcome.failed_bags |= result.failed_bags
+        _save(output, keys[name], *result)
+        outcome.add(name, result[0])
     return outcome
 
 
-def _result(robot: tuple[str, tuple[Path, ...]], options: FleetOptions) -> RobotResult:
+def _result(robot: tuple[str, tuple[Path, ...]], options: FleetOptions) -> tuple[Stored, Content]:
     """
     Return the result of one robot, of its name and bags; runs on a worker and writes no file.
 
@@ -288,11 +284,11 @@ def _result(robot: tuple[str, tuple[Path, ...]], options: FleetOptions) -> Robot
         recording, failed = _read(bags, options.reading, options.gate)
         learned = learn(recording, options.learning)
         result, facts = learned.result, [fact.sentence for fact in learned.facts]
-        return RobotResult({
+        return {'failed_bags': failed, 'entry': {
             'model': f'{name}.json', 'bags': recording.n_runs,
             'samples': result.model.coverage.n_samples, 'converged': result.converged,
-            'rmse': result.report.rmse, 'warnings': [*result.report.warnings, *facts]},
-            failed, result.model)
+            'rmse': result.report.rmse, 'warnings': [*result.report.warnings, *facts]}
+        }, result.model
     model = load_model(options.models / f'{name}.json') if options.models else None
     reading = options.reading
     if model is not None and reading.joints is None:
@@ -300,8 +296,8 @@ def _result(robot: tuple[str, tuple[Path, ...]], options: FleetOptions) -> Robot
     recording, failed = _read(bags, reading, options.gate)
     document = diagnose_recording(recording, model, DiagnosisOptions(effects=options.effects),
                                   options.learning).diagnosis.to_json()
-    return RobotResult({'diagnosis': f'{name}.diagnosis.json',
-                        'findings': document['findings']}, failed, document)
+    return {'failed_bags': failed, 'entry': {
+        'diagnosis': f'{name}.diagnosis.json', 'findings': document['findings']}}, document
 
 
 def _read(bags: Sequence[Path], options: ReadOptions,
@@ -326,7 +322,7 @@ def _key(name: str, bags: Sequence[Path], options: FleetOptions) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
-def _stored(output: Path, key: str) -> dict[str, Any] | None:
+def _stored(output: Path, key: str) -> Stored | None:
     """Return an earlier result whose file is unchanged, None without one."""
     try:
         stored = json.loads((output / CACHE / f'{key}.json').read_text(encoding='utf-8'))
@@ -337,15 +333,14 @@ def _stored(output: Path, key: str) -> dict[str, Any] | None:
     return None
 
 
-def _save(output: Path, key: str, result: RobotResult) -> None:
-    file = _file(output, result.entry)
-    if isinstance(result.content, GravityModel):
-        save_model(file, result.content)
+def _save(output: Path, key: str, stored: Stored, content: Content) -> None:
+    file = _file(output, stored['entry'])
+    if isinstance(content, GravityModel):
+        save_model(file, content)
     else:
-        text = json.dumps(result.content, indent=2) + '\n'
-        write_atomically(file, text.encode(), BagError)
-    stored = {'entry': result.entry, 'failed_bags': result.failed_bags, 'digest': _digest(file)}
-    write_atomically(output / CACHE / f'{key}.json', json.dumps(stored).encode(), BagError)
+        write_atomically(file, (json.dumps(content, indent=2) + '\n').encode(), BagError)
+    text = json.dumps({**stored, 'digest': _digest(file)})
+    write_atomically(output / CACHE / f'{key}.json', text.encode(), BagError)
 
 
 def _file(output: Path, entry: Mapping[str, Any]) -> Path:
