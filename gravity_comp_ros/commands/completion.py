@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 from importlib import import_module
 
-from gravity_comp_ros.commands import summary, VERBS
+from gravity_comp_ros.commands import summary, terminal, VERBS
 import shtab
 
 
@@ -29,7 +29,10 @@ def run(args: argparse.Namespace) -> int:
     verbs = root.add_subparsers(dest='verb')
     for verb in VERBS:
         parser = verbs.add_parser(verb, help=summary(verb), allow_abbrev=False)
-        import_module(f'gravity_comp_ros.commands.{verb}').add_arguments(parser)
+        try:
+            import_module(f'gravity_comp_ros.commands.{verb}').add_arguments(parser)
+        except ImportError as missing:
+            terminal.warn(f'the options of {verb} are not completed: {missing}')
         for action in parser._actions:
             if action.nargs != 0 and not action.choices:
                 action.complete = shtab.FILE  # type: ignore[attr-defined]

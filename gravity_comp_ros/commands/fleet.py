@@ -20,7 +20,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.api.axes import ArmOptions
 from gravity_comp_ros.commands import arguments, terminal
@@ -28,9 +28,10 @@ from gravity_comp_ros.diagnosis.findings import Verdict
 from gravity_comp_ros.effects.registry import known_effect
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.estimation.estimate import CHOICES
-from gravity_comp_ros.fleet.run import (
-    ClusterOptions, find_robots, FleetOptions, Outcome, run_fleet)
 from gravity_comp_ros.printable import counted
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.fleet.run import Outcome
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> terminal.Answer:
     """Fit or diagnose every robot and report the result of each."""
+    # Dask takes 0.3 s to import.
+    from gravity_comp_ros.fleet.run import ClusterOptions, find_robots, FleetOptions, run_fleet
     _check_usage(args)
     cluster = ClusterOptions(args.workers, args.scheduler)
     robots = find_robots(args.folder)

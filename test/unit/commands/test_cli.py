@@ -42,6 +42,14 @@ def test_version_and_overview_of_every_verb(capsys):
     assert capsys.readouterr().out == f'gravity_comp {__version__}\n'
 
 
+def test_the_script_is_printed_without_the_module_of_another_verb(monkeypatch, capsys):
+    pytest.importorskip('shtab')
+    monkeypatch.setitem(sys.modules, 'gravity_comp_ros.commands.synth', None)
+    assert cli.main(['completion', 'bash']) == 0
+    printed = capsys.readouterr()
+    assert '--formulation' in printed.out and 'the options of synth' in printed.err
+
+
 @pytest.mark.parametrize('name', cli.VERBS)
 def test_every_verb_has_help_with_examples(name, capsys):
     assert cli.main([name, '--help']) == 0
