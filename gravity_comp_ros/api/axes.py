@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder
 from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from gravity_comp_ros.api.recording import Recording
     from gravity_comp_ros.description.links import DescribedArm
     from gravity_comp_ros.description.robot_tree import RobotTree
-    from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
+    from gravity_comp_ros.recordings.bag import ReadReport
 
 NO_DESCRIPTION = 'none'
 # Formulations that use known axes.
@@ -173,28 +174,35 @@ def described(tree: RobotTree, reports: Sequence[ReadReport], joints: Sequence[s
     from gravity_comp_ros.description.links import DescribedArm
     arm = DescribedArm(tree, joints, fixed)
     names = [name for name in arm.held_joints() if name not in fixed]
-    if not names:
-        return arm
-    from gravity_comp_ros.recordings.bag import joint_positions
-    recordings = [joint_positions(report.path, names, _of_joints(report, tree, names))
-                  for report in reports]
     recorded = {}
-    for name in names:
-        own = [positions[name] for positions in recordings if name in positions]
-        if not own:
-            continue
-        span = np.ptp(np.concatenate(own))
+    for name, q in _positions(tree, reports, names).items():
+        span = np.ptp(q)
         if span > _AT_REST:
             raise DataError(f'joint {name} moves by {span:.3g} during the recordings, and it '
                             f'carries the arm: learn it as a joint of the arm (--joints), or give '
                             f'its position (--fixed JOINT=VALUE)')
-        recorded[name] = float(np.median(own[0]))
-    return DescribedArm(tree, joints, fixed, recorded)
+        recorded[name] = float(np.median(q))
+    return DescribedArm(tree, joints, fixed, recorded) if recorded else arm
 
 
-def _of_joints(report: ReadReport, tree: RobotTree, names: Sequence[str]) -> ReadOptions:
-    """Return the options of a recording; a unit of all angles is not that of prismatic joints."""
-    unit = report.options.position_unit
-    if isinstance(unit, str):
-        unit = {name: unit for name in names if tree.joints[name].revolute}
-    return replace(report.options, topic=report.topic, position_unit=unit)
+def carried_in_motion(arm: DescribedArm, reports: Sequence[ReadReport]) -> list[str]:
+    """Return the revolute joints beyond the arm, whose links it carries, that move."""
+    names = [joint.name for joint in arm.tree.joints.values() if joint.revolute
+             and joint.parent in arm.places and joint.name not in arm.geometry.joints]
+    return [name for name, q in _positions(arm.tree, reports, names).items()
+            if np.ptp(q) > _AT_REST]
+
+
+def _positions(tree: RobotTree, reports: Sequence[ReadReport],
+               names: Sequence[str]) -> dict[str, FloatArray]:
+    """Return the positions in rad or m of those joints that the recordings have."""
+    from gravity_comp_ros.recordings.bag import joint_positions
+    parts: dict[str, list[FloatArray]] = {}
+    for report in reports if names else ():
+        unit = report.options.position_unit
+        if isinstance(unit, str):  # not that of prismatic joints
+            unit = {name: unit for name in names if tree.joints[name].revolute}
+        options = replace(report.options, topic=report.topic, position_unit=unit)
+        for name, values in joint_positions(report.path, names, options).items():
+            parts.setdefault(name, []).append(values)
+    return {name: np.concatenate(values) for name, values in parts.items()}

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gravity_comp_ros.api.axes import described
+from gravity_comp_ros.api.axes import carried_in_motion, described
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import arguments, terminal
@@ -115,8 +115,12 @@ def described_in(args: argparse.Namespace, recording: Recording) -> DescribedArm
     if description is None:
         raise DataError('no recording contains a robot description: name a file with '
                         '--urdf')
-    return described(description, recording.reports, description.arm_joints(recording.joints)[0],
-                     args.fixed)
+    reports = recording.reports
+    arm = described(description, reports, description.arm_joints(recording.joints)[0], args.fixed)
+    terminal.warn(*(f'joint {name} moves, and the arm carries it: its links are taken at rest, '
+                    f'unless it is a joint of the arm (--joints)'
+                    for name in carried_in_motion(arm, reports)))
+    return arm
 
 
 def arm_of_model(args: argparse.Namespace, model: GravityModel) -> DescribedArm:

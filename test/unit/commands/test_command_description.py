@@ -103,6 +103,14 @@ def test_a_waist_is_read_with_the_options_of_the_arm(bags, tmp_path, options, va
     assert held == {'torso': {'value': pytest.approx(value), 'by': 'recording'}}
 
 
+def test_check_names_joints_that_the_arm_carries_and_that_move(bags, capsys):
+    main(['check', str(bags / 'own'), '--joints', ','.join(JOINTS[:5])])
+    warning = capsys.readouterr().err
+    assert all(f'joint {name} moves, and the arm carries it' in warning for name in JOINTS[5:])
+    main(['check', str(bags / 'own')])
+    assert 'carries it' not in capsys.readouterr().err
+
+
 def test_a_moving_waist_is_reported(bags):
     assert ('joint waist moves by 0.199 during the recordings'
             in known(bags / 'moving', JOINTS).problem)
