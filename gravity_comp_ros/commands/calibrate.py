@@ -101,7 +101,8 @@ def run(args: argparse.Namespace) -> Answer:
     return Answer(document, [
         *reading.bag_lines(reports), '', _table(result, read), *centre,
         *(f'{joint} is not calibrated: {why}' for joint, why in result.left_out.items()),
-        '', 'option for all verbs, and for the parameter effort_scale of the node:',
+        '', 'option for all verbs' + ', instead of --effort-unit' * (options.effort_unit != 'Nm')
+        + ', and for the parameter effort_scale of the node:',
         terminal.command(option)])
 
 

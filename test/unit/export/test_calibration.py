@@ -119,6 +119,14 @@ def test_the_printed_option_calibrates(recordings, capsys):
                                                                rel=1e-3)
 
 
+def test_the_printed_option_replaces_a_unit(recordings, capsys):
+    assert main(recordings) == 0
+    *_, plain = capsys.readouterr().out.splitlines()
+    assert main([*recordings, '--effort-unit', 'mNm']) == 0
+    *_, text, option = capsys.readouterr().out.splitlines()
+    assert option == plain and 'instead of --effort-unit' in text
+
+
 def test_numbers_of_joints_are_those_of_the_first_recording(recordings):
     samples = read_bag('loaded.mcap').samples
     write_bag('loaded.mcap', [joint_states(samples.joints(samples.names[::-1]))])
