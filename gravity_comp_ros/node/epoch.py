@@ -212,7 +212,8 @@ class Epoch:
         self._was_full = False
         self._buffer = SampleBuffer[Kept](NODE.capacity)
         self._last, self._run = -np.inf, 0
-        self._span: FloatArray | None = np.zeros(len(self.names))
+        # Smallest and largest positions of all samples since the restart, rad.
+        self._low, self._high = (np.full(len(self.names), edge) for edge in (np.inf, -np.inf))
 
     def offer(self, sample: SlowSample) -> None:
         """Add a sample that passed the gate; a time that does not increase starts a new run."""
@@ -221,7 +222,7 @@ class Epoch:
         self._run, self._last = self._run + (new.t <= self._last), new.t
         self._buffer.offer(new.q, new.qd, (sample, self._run, is_held_out), is_held_out)
         self._offered += 1
-        self._span = None
+        self._low, self._high = np.minimum(self._low, new.q), np.maximum(self._high, new.q)
 
     def __len__(self) -> int:
         return len(self._buffer)
@@ -235,10 +236,8 @@ class Epoch:
         return self._buffer.samples()
 
     def span(self) -> FloatArray:
-        """Return the range of every joint over the samples, (N,) in rad; 0 without samples."""
-        if self._span is None:
-            self._span = np.ptp([sample.reading.q for sample, _, _ in self.samples()], axis=0)
-        return self._span
+        """Return the range of every joint in this epoch, (N,) in rad; 0 without samples."""
+        return np.maximum(self._high - self._low, 0.0)
 
     def short_of_range(self) -> tuple[str, ...]:
         """Return the joints that have not yet moved over `NODE.min_range`."""

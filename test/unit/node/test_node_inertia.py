@@ -156,6 +156,17 @@ def test_it_reports_what_is_missing_for_a_fit(model_file):
                                 'on a, b')
 
 
+def test_the_range_is_that_of_all_samples_of_the_epoch():
+    """Also of those that newer ones have replaced; it costs no pass over the buffer."""
+    epoch = Epoch(0, ['a', 'b'], OPTIONS)
+    np.testing.assert_array_equal(epoch.span(), [0.0, 0.0])
+    feed(epoch, 40, still=True)
+    epoch._buffer = None
+    np.testing.assert_allclose(epoch.span(), [0.05 * 39, 0.0])
+    epoch.restart()
+    np.testing.assert_array_equal(epoch.span(), [0.0, 0.0])
+
+
 def test_after_broken_effort_it_requires_more_samples(model_file):
     # With 30 of 130 samples held out.
     for broken, needed in ((False, 20), (True, 130)):
