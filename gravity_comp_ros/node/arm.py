@@ -15,7 +15,7 @@ from gravity_comp_ros.errors import GravityCompError, ModelMismatchError
 from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, SentTorqueHistory, SlowSample
+from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, SlowSample
 from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.messages import CompleteReading, JointStateReader, Reading
 from gravity_comp_ros.node.model_in_use import ModelInUse
@@ -87,7 +87,8 @@ class Arm:
         self.described = ArmDescription()
         self.is_allowed = settings.enabled
         self.gate_counts: Counter[str] = Counter()
-        self.sent = SentTorqueHistory(len(joints))
+        # The torque published last, and that before the newest messages; NaN for none.
+        self._sent = self._sent_before = np.full(len(joints), np.nan)
         self.delayed = DelayedSamples()
         self.feed = FeedForward(len(joints), settings)
         self.epoch = Epoch(0, joints, settings, model, is_open=model is None)
@@ -175,16 +176,15 @@ class Arm:
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
-        self.last_seen, self.pose = now, reading.q
-        return self._recorded(now, self.feed.update(now, reading.q))
+        self.last_seen, self.pose, self._sent_before = now, reading.q, self._sent
+        return self._recorded(self.feed.update(now, reading.q))
 
     def watchdog(self, now: float) -> FloatArray | None:
         """Return the torque (N,) in N·m that input which has stopped requires, None for none."""
-        return self._recorded(now, self.feed.watch(now))
+        return self._recorded(self.feed.watch(now))
 
-    def _recorded(self, now: float, tau: FloatArray | None) -> FloatArray | None:
-        if tau is not None:
-            self.sent.published(now, tau)
+    def _recorded(self, tau: FloatArray | None) -> FloatArray | None:
+        self._sent = self._sent if tau is None else tau
         return tau
 
     def learn(self, reading: Reading, now: float) -> None:
@@ -201,7 +201,7 @@ class Arm:
         if not isinstance(reading, CompleteReading) or now < self.learn_from:
             return
         reason = self.gate.offer(reading.t, reading.qd)
-        self.delayed.add(reading, self.sent.before(now) if reason is None else None)
+        self.delayed.add(reading, self._sent_before, reason is None)
         if reason not in (None, RATE):
             self.gate_counts[reason] += 1
         for sample in self.delayed.due(reading.t):

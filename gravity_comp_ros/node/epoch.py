@@ -38,8 +38,8 @@ class Rows:
     """
     The samples (M) of an epoch in order of time, with one run for each start of the clock.
 
-    `held_out` (M,) marks those that no fit uses. `sent` (M, 2, N) has the torques in N·m that were
-    published before each (`SentTorqueHistory`), NaN for none; None without such torques.
+    `held_out` (M,) marks those that no fit uses. `sent` (M, 2, N) has the torques that were
+    published before each (`SlowSample`); None without such torques.
     """
 
     samples: JointSamples
@@ -60,39 +60,15 @@ class Rows:
                     None if self.sent is None else self.sent[keep])
 
 
-class SentTorqueHistory:
-    """The recently published torques."""
-
-    def __init__(self, n_joints: int) -> None:
-        self._sent: deque[tuple[float, FloatArray]] = deque()
-        self._none = np.full(n_joints, np.nan)
-
-    def published(self, now: float, tau: FloatArray) -> None:
-        """Record a published torque (N,)."""
-        if self._sent and now < self._sent[-1][0]:
-            self._sent.clear()
-        self._sent.append((now, tau))
-        # A message may be older than the torque published last.
-        while len(self._sent) > 1 and self._sent[1][0] < now - 2.0 * NODE.max_delay:
-            self._sent.popleft()
-
-    def before(self, now: float) -> FloatArray:
-        """
-        Return the torques (2, N) published last before now and `NODE.max_delay` s ago; NaN: none.
-
-        The torque published at `now` is the response to the sample and is not included.
-        """
-        return np.array([next((tau for at, tau in reversed(self._sent) if at < t), self._none)
-                         for t in (now, now - NODE.max_delay)])
-
-
 @dataclass(frozen=True, eq=False)
 class SlowSample:
     """
-    A reading that passed the gate, and the torque published before it (`SentTorqueHistory`).
+    A reading that passed the gate.
 
-    `qdd` (N,) is the acceleration in rad/s^2 of the messages around it, None for a single message;
-    `is_resolved` is false if their rate does not resolve quick starts and stops.
+    `sent` (2, N) has the torques in N·m that were published last before it, and before
+    `NODE.max_delay` s earlier; NaN for none. `qdd` (N,) is the acceleration in rad/s^2 of the
+    messages around it, None for a single message; `is_resolved` is false if their rate does not
+    resolve quick starts and stops.
     """
 
     reading: CompleteReading
@@ -112,34 +88,37 @@ class DelayedSamples:
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[CompleteReading, FloatArray]] = deque()
-        self._recent: deque[CompleteReading] = deque()
+        # Messages, each with the torque published last before it.
+        self._recent: deque[tuple[CompleteReading, FloatArray]] = deque()
 
     def restart(self) -> None:
         """Drop all samples: the clock or the payload has changed."""
         self._waiting.clear()
         self._recent.clear()
 
-    def add(self, reading: CompleteReading, sent: FloatArray | None = None) -> None:
-        """Add a message, a slow sample with the torques published before it (2, N)."""
-        self._recent.append(reading)
-        if sent is not None:
-            self._waiting.append((reading, sent))
+    def add(self, reading: CompleteReading, sent: FloatArray, is_slow: bool) -> None:
+        """Add a message with the torque (N,) published last before it, NaN for none."""
+        self._recent.append((reading, sent))
         # Messages after a sample arrive while it waits for them.
-        while self._recent[0].t < reading.t - 1.5 * WINDOW:
+        while self._recent[0][0].t < reading.t - 1.5 * WINDOW:
             self._recent.popleft()
+        if is_slow:
+            earlier = next(torque for other, torque in self._recent
+                           if other.t >= reading.t - NODE.max_delay)
+            self._waiting.append((reading, np.array([sent, earlier])))
 
     def due(self, t: float) -> list[SlowSample]:
         """Return the samples that are old enough at time t in s, with their accelerations."""
         ready = []
         while self._waiting and t >= self._waiting[0][0].t + 0.5 * WINDOW:
             reading, sent = self._waiting.popleft()
-            times = np.array([other.t for other in self._recent])
-            qd = np.array([other.qd for other in self._recent])
+            times = np.array([other.t for other, _ in self._recent])
+            qd = np.array([other.qd for other, _ in self._recent])
             qdd = acceleration_at(reading.t, times, qd)
             is_resolved = qdd is not None
             if qdd is None and len(times) > 1:
                 qdd = (qd[-1] - qd[0]) / (times[-1] - times[0])
-            near = [other for other in self._recent
+            near = [other for other, _ in self._recent
                     if abs(other.t - reading.t) <= 0.5 * MEAN_OVER + 1e-6]
             ready.append(SlowSample(_mean(reading, near), sent, qdd, is_resolved))
         return ready

@@ -71,7 +71,7 @@ def test_a_clock_that_starts_again_and_a_new_payload_drop_waiting_samples(live):
     delayed = DelayedSamples()
     zero = np.zeros(7)
     reading = CompleteReading(0.0, zero, zero, zero)
-    delayed.add(reading, np.zeros((1, 7)))
+    delayed.add(reading, zero, True)
     assert not delayed.due(0.1)
     sample, = delayed.due(0.2)
     # A single message has no slope.

@@ -9,7 +9,8 @@ from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.node import acceptance, checks
 from gravity_comp_ros.node.acceptance import Candidate, not_output
-from gravity_comp_ros.node.epoch import Rows, SentTorqueHistory
+from gravity_comp_ros.node.epoch import DelayedSamples, Rows
+from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.watch import Watch, WINDOW
 import numpy as np
@@ -76,15 +77,14 @@ def test_friction_torque_of_a_controller_does_not_hide_a_light_payload():
 
 
 def test_sent_torques_are_those_before_the_sample_and_the_largest_delay():
-    sent = SentTorqueHistory(1)
-    assert np.isnan(sent.before(0.0)).all()
-    for k in range(400):
-        sent.published(0.001 * k, np.array([float(k)]))
-    result = sent.before(0.3995)[:, 0]
-    np.testing.assert_allclose(result, [399, 199], atol=1)
-    sent.published(0.0, np.array([7.0]))
-    assert np.isnan(sent.before(0.0)).all()
-    assert np.nanmax(sent.before(0.001)) == 7.0
+    delayed, zero = DelayedSamples(), np.zeros(1)
+    for k in range(600):
+        # The torque of the message before; nothing was published before the first one.
+        sent = np.array([k - 1.0 if k else np.nan])
+        delayed.add(CompleteReading(0.001 * k, zero, zero, zero), sent, k in (0, 400))
+    first, later = delayed.due(0.6)
+    assert np.isnan(first.sent).all()
+    np.testing.assert_allclose(later.sent[:, 0], [399, 199], atol=1)
 
 
 def model(gain):
