@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from os.path import expanduser
 from pathlib import Path
-from queue import SimpleQueue
 from threading import Thread
 
 from gravity_comp_ros.errors import ModelFileError, ModelMismatchError
@@ -41,8 +40,8 @@ class ModelHistory:
     """
     The model in use, and the last model of each of up to `NODE.depth` earlier payloads.
 
-    One thread writes the file: a slow disk delays nothing else, and the file always has the model
-    of the last save.
+    Threads write the file one after the other: a slow disk delays nothing else, and the file
+    always has the model of the last save.
 
     :param path: the model file; empty if there is none.
     """
@@ -55,7 +54,7 @@ class ModelHistory:
         self.past: list[Entry] = []
         # Error of loading the file, or of the last save.
         self.problem = ''
-        self._saves: SimpleQueue[tuple[Entry, Reply] | None] = SimpleQueue()
+        # The thread of the last save.
         self._writer: Thread | None = None
 
     @property
@@ -108,27 +107,25 @@ class ModelHistory:
         elif not self.path:
             reply(False, 'no file to save to: set the parameter model_file')
         else:
-            if self._writer is None:
-                self._writer = Thread(target=self._write, daemon=True)
-                self._writer.start()
-            self._saves.put((self.entry, reply))
+            self._writer = Thread(target=self._write, daemon=True,
+                                  args=(self.entry, reply, self._writer))
+            self._writer.start()
 
     def close(self) -> None:
         """Finish pending saves, for a second at most."""
-        self._saves.put(None)
         if self._writer is not None:
             self._writer.join(NODE.last_save)
 
-    def _write(self) -> None:
-        while (save := self._saves.get()) is not None:
-            entry, reply = save
-            try:
-                save_model(self.path, entry.model)
-            except Exception as problem:
-                # The next save must find this thread alive, and each call must end.
-                self.problem = str(problem) if isinstance(problem, ModelFileError) else (
-                    f'cannot save the model: {type(problem).__name__}: {problem}')
-                reply(False, self.problem)
-            else:
-                self.problem = ''
-                reply(True, f'saved the {entry.describe()} to {self.path}')
+    def _write(self, entry: Entry, reply: Reply, earlier: Thread | None) -> None:
+        if earlier is not None:
+            earlier.join()
+        try:
+            save_model(self.path, entry.model)
+        except Exception as problem:
+            # Each call must end.
+            self.problem = str(problem) if isinstance(problem, ModelFileError) else (
+                f'cannot save the model: {type(problem).__name__}: {problem}')
+            reply(False, self.problem)
+        else:
+            self.problem = ''
+            reply(True, f'saved the {entry.describe()} to {self.path}')
