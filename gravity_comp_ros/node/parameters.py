@@ -17,14 +17,10 @@ from gravity_comp_ros.facts.fact import Kind
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
-# ROS type, Python types of an item, and the rule for it, by the annotation of a field.
-_KINDS = {
-    'bool': ('bool', bool, 'it must be true or false'),
-    'int': ('int', int, 'it must be a whole number'),
-    'float': ('double', (int, float), 'it must be of type double'),
-    'str': ('string', str, 'it must be text'),
-    'tuple[float, ...]': ('double[]', (int, float), 'it must be of type double[]'),
-    'tuple[str, ...]': ('string[]', str, 'it must be text')}
+# ROS type by the annotation of a field, and the Python types of an item by the ROS type.
+_KINDS = {'bool': 'bool', 'int': 'int', 'float': 'double', 'str': 'string',
+          'tuple[float, ...]': 'double[]', 'tuple[str, ...]': 'string[]'}
+_TYPES: dict[str, Any] = {'bool': bool, 'int': int, 'double': (int, float), 'string': str}
 
 
 @dataclass(frozen=True)
@@ -32,15 +28,13 @@ class Parameter:
     """
     One row of the table of parameters.
 
-    `kind` is the ROS type; an item has one of the Python `types`, else the `rule` is broken. `low`
-    and `high` bound each number, both included; `choices` lists the allowed strings, empty for
-    any. With `may_be_off` the value `off` is allowed, which YAML reads as false.
+    `kind` is the ROS type. `low` and `high` bound each number, both included; `choices` lists the
+    allowed strings, empty for any. With `may_be_off` the value `off` is allowed, which YAML reads
+    as false.
     """
 
     name: str
     kind: str
-    types: Any
-    rule: str
     default: Value
     description: str
     unit: str = ''
@@ -63,7 +57,7 @@ class Parameter:
             # An empty list in YAML or after -p on a command line.
             return ()
         if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
-            raise self._wrong(value, f'it must be a list of type {self.kind}')
+            raise self._wrong(value, f'it must be of type {self.kind}')
         items = tuple(self._item(item) for item in value)
         if self.kind == 'string[]' and len(set(items)) != len(items):
             raise self._wrong(value, 'its entries must differ')
@@ -72,8 +66,9 @@ class Parameter:
     def _item(self, value: Any) -> Any:
         if value is False and self.may_be_off:
             return 'off'
-        if not isinstance(value, self.types) or isinstance(value, bool) != (self.kind == 'bool'):
-            raise self._wrong(value, self.rule)
+        kind = self.kind.removesuffix('[]')
+        if not isinstance(value, _TYPES[kind]) or isinstance(value, bool) != (kind == 'bool'):
+            raise self._wrong(value, f'it must be of type {self.kind}')
         if self.choices and value not in self.choices:
             raise self._wrong(repr(value), f'it must be one of {self.range_text()}')
         if isinstance(value, (bool, str)):
@@ -268,6 +263,6 @@ class Parameters:
                               f'full_samples, {self.full_samples}')
 
 
-TABLE = tuple(Parameter(each.name, *_KINDS[str(each.type)], each.default,  # type: ignore[arg-type]
+TABLE = tuple(Parameter(each.name, _KINDS[str(each.type)], each.default,  # type: ignore[arg-type]
                         **each.metadata) for each in fields(Parameters))
 BY_NAME = {row.name: row for row in TABLE}

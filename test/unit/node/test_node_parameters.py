@@ -36,12 +36,12 @@ def test_the_documentation_needs_no_ros():
 @pytest.mark.parametrize('name, value, why', [
     ('max_speed', -1.0, 'must lie in 0.001 to 10'), ('max_speed', 'fast', 'of type double'),
     ('max_speed', float('nan'), 'must be finite'), ('max_speed', True, 'of type double'),
-    ('full_samples', 90.5, 'whole number'), ('full_samples', 1, 'must lie in 20 to 1500'),
-    ('formulation', 'magic', 'one of auto, potential, chain'), ('auto_fit', 1, 'true or false'),
-    ('max_torque', 5.0, 'must be a list'), ('max_torque', [1.0, -1.0], 'must lie in 0'),
+    ('full_samples', 90.5, 'of type int'), ('full_samples', 1, 'must lie in 20 to 1500'),
+    ('formulation', 'magic', 'one of auto, potential, chain'), ('auto_fit', 1, 'of type bool'),
+    ('max_torque', 5.0, 'of type double'), ('max_torque', [1.0, -1.0], 'must lie in 0'),
     ('max_torque', [1.0, float('inf')], 'must be finite'), ('joints', ['a', 'a'], 'differ'),
-    ('joints', 'a', 'must be a list'), ('model_file', 3, 'must be text'),
-    ('robot_description', True, 'must be text'), ('model_file', False, 'must be text'),
+    ('joints', 'a', 'of type string'), ('model_file', 3, 'of type string'),
+    ('robot_description', True, 'of type string'), ('model_file', False, 'of type string'),
     ('fade_time', None, 'of type double')])
 def test_bad_values_are_refused_with_the_reason(name, value, why):
     with pytest.raises(OptionError, match=f'parameter {name}.*{why}'):
