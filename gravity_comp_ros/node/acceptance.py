@@ -170,11 +170,11 @@ def body_checks(tables: Sequence[Hypotheses],
     yield Check(checks.NO_FAULT, evidence - explained, CHECKS.margin, text=named)
     ratio, noise = table.ratio(table.carried), window.reference
     worst = int(np.argmax(ratio))
-    joint, expected = table.most_faulty()
     yield Check(checks.BODY_EXPLAINS, float(ratio[worst]), CHECKS.max_residual, text=(
         f'no payload explains the effort of {names[worst]}: residual '
         f'{ratio[worst] * noise[worst]:.3g} N·m, noise of earlier epochs {noise[worst]:.3g}; most '
-        f'likely {names[joint]} {_fault_of(samples.tau[:, joint], expected)}'))
+        f'likely the effort of {names[table.most_faulty()]} is frozen, saturated or that of '
+        'another joint'))
     limits, known, std = window.settings, table.body(), CHECKS.significant
     if known is None:
         change = np.hypot(*table.moments.T)
@@ -193,16 +193,6 @@ def body_checks(tables: Sequence[Hypotheses],
                     limits.max_payload_reach * (1.0 + std * sigma / abs(mass)), text=(
                         f'the change is a body of {mass:.3g} kg at {reach:.3g} m from the last '
                         f'joint; max_payload_reach is {limits.max_payload_reach:g} m'))
-
-
-def _fault_of(measured: FloatArray, expected: FloatArray) -> str:
-    """Return the probable fault of a joint from its measured and expected torque (M,), N·m."""
-    slope = float(measured @ expected) / max(float(expected @ expected), 1e-30)
-    if slope < -0.5:
-        return 'has the wrong sign'
-    if measured.std() < 0.25 * expected.std():
-        return 'is dead or frozen'
-    return 'measures the torque of another joint, or has a wrong gain'
 
 
 def suspicion_checks(tables: Sequence[Hypotheses]) -> list[Check]:

@@ -245,21 +245,15 @@ class Hypotheses:
             columns[k, joint] = np.abs(self.before[:, joint]).max()
         return self._white(columns)
 
-    def most_faulty(self) -> tuple[int, FloatArray]:
-        """Return the joint without which a body fits best, and its torque (M,), N·m, by that."""
-        joints = [self._rows_of(joint) for joint in range(self._n)]
-        bodies = [self._body_without(here) for here in joints]
-        joint = int(np.argmin([((self._r - body)[~here] ** 2).sum()
-                               for here, body in zip(joints, bodies)]))
-        return joint, np.asarray(self.before[:, joint] + self._sigma[joint]
-                                 * bodies[joint][joints[joint]])
+    def most_faulty(self) -> int:
+        """Return the joint without which a body fits best."""
+        def misfit(joint: int) -> float:
+            others = ~self._rows_of(joint)
+            fit = self.explain(self._body * others, base=self._loaded * others,
+                               r=self._r * others)
+            return float((fit.residual ** 2).sum())
 
-    def _body_without(self, here: BoolArray) -> FloatArray:
-        """Return the torque (N·M,), whitened, of a body fitted to all rows but those of a mask."""
-        design = np.concatenate((self._body, self._loaded))
-        rest = np.where(here, 0.0, design)
-        return np.asarray(np.linalg.solve(
-            np.eye(len(design)) + rest @ rest.T, rest @ self._r) @ design)
+        return min(range(self._n), key=misfit)
 
     def body(self) -> tuple[float, float, float] | None:
         """Return mass and its standard deviation in kg, and reach in m; None without axes."""

@@ -161,13 +161,12 @@ def test_a_faulty_joint_measures_a_body_with_its_gain(base, geometry, gain):
     assert 'iiwa_joint_6' in refusals(every)[checks.NO_FAULT]
 
 
-@pytest.mark.parametrize('name, fault', [
-    ('saturated', 'is dead or frozen'), ('swapped', 'measures the torque of another joint')])
-def test_a_joint_whose_fault_is_no_gain_is_named(name, fault, base):
+@pytest.mark.parametrize('name', ['saturated', 'swapped'])
+def test_a_joint_whose_fault_is_no_gain_is_named(name, base):
     """The shoulder and the elbow are saturated or swapped, and no gain explains the effort."""
     result = run_fit(job_of(corrupted(name), base))
     assert 'no payload explains' in result.fault
-    assert f'most likely iiwa_joint_4 {fault}' in result.fault
+    assert 'most likely the effort of iiwa_joint_4 is frozen, saturated or' in result.fault
 
 
 def test_a_potential_model_of_a_serial_arm_is_a_chain(base):
