@@ -47,8 +47,9 @@ def _findings(results: Results) -> str:
     session = results.session
     is_adding = session.worker.job is not None and session.worker.job.step is Step.ADD
     rows = []
-    for number, (finding, target) in enumerate(results.findings(), start=1):
-        buttons = button(f'Add {target}', 'add', target, disabled=is_adding) if target else ''
+    for number, (finding, targets) in enumerate(results.findings(), start=1):
+        buttons = button(f'Add {", ".join(targets)}', 'add', ','.join(targets),
+                         disabled=is_adding) if targets else ''
         if finding.effect is not None and finding.verdict in OPEN:
             buttons += button('Plan for this effect', 'plan',
                               effect_name(finding.effect, finding.joint), disabled=is_adding)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
-from gravity_comp_ros.diagnosis.findings import Finding, FOUND
+from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.facts.options import FactOptions
@@ -21,8 +21,6 @@ from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.store import MODEL_FILE, Stage
 import numpy as np
 
-# Verdicts with an Add button.
-ADDABLE = (*FOUND, 'ambiguous', 'weak')
 # Maximum number of cached results; a comparison or a residual has all samples.
 _MAX_CACHED = 16
 Value = TypeVar('Value')
@@ -147,22 +145,22 @@ class Results:
         return (f'The slow-motion gate keeps only {n_slow} of {len(recording)} samples. Use all '
                 f'samples, or raise the speed limit, under "Samples".')
 
-    def findings(self) -> list[tuple[Finding, str]]:
-        """Return findings with the target of their Add button, '' for no button."""
-        stage, diagnosis = self.session.stage, self.session.diagnosis
-        if stage is None or diagnosis is None:
-            return []
-        return [(f, target(f.effect, f.joint) if f.effect and f.verdict in ADDABLE
-                 and not stage.model.applied.has(f.effect, f.joint) else '')
-                for f in diagnosis.findings]
+    def findings(self) -> list[tuple[Finding, tuple[str, ...]]]:
+        """Return findings with the targets of their Add button, none for no button."""
+        diagnosis = self.session.diagnosis
+        return [(f, self._absent(f.to_add or (target(f.effect or '', f.joint),) * (
+            f.verdict == 'weak'))) for f in (diagnosis.findings if diagnosis else ())]
 
     def to_add(self) -> tuple[str, ...]:
         """Return the targets to add that the model of the stage does not have."""
-        stage, diagnosis = self.session.stage, self.session.diagnosis
-        if stage is None or diagnosis is None:
-            return ()
-        present = {effect.target for effect in stage.model.applied.effects}
-        return tuple(name for name in diagnosis.to_add if name not in present)
+        diagnosis = self.session.diagnosis
+        return self._absent(diagnosis.to_add if diagnosis else ())
+
+    def _absent(self, targets: Sequence[str]) -> tuple[str, ...]:
+        """Return the targets that the model of the stage does not have."""
+        stage = self.session.stage
+        present = {effect.target for effect in stage.model.applied.effects} if stage else set()
+        return tuple(name for name in targets if name not in present)
 
     def _next_command(self) -> str:
         """Return the command line that adds the effects to add."""

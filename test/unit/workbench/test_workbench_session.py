@@ -25,6 +25,7 @@ from gravity_comp_ros.report.views.summary import headline
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import Job, new_worker, Step
 from gravity_comp_ros.workbench.page import facts_html, status_html
+from gravity_comp_ros.workbench.panels import findings_html
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Sessions, UNUSED
 from gravity_comp_ros.workbench.settings import choice_of, form_html
@@ -74,8 +75,8 @@ def test_add_reduces_the_error_and_undo_restores_it(paths):
     np.testing.assert_allclose(constant.predicted[0], results.recording.samples.tau.mean(axis=0))
     worked(session)
     assert session.worker.done == ['READ', 'LEARN', 'DIAGNOSE'] and not session.error
-    targets = [target for _, target in results.findings()]
-    assert 'coulomb_friction:shoulder' in targets
+    targets = [targets for _, targets in results.findings()]
+    assert ('coulomb_friction:shoulder',) in targets
     before = results.contents()
     # The sentence, the table and the history show one error.
     for name, joint in before.comparison.joints.items():
@@ -90,17 +91,35 @@ def test_add_reduces_the_error_and_undo_restores_it(paths):
     assert after.comparison.joints['shoulder'].rmse < 0.5 * before.comparison.joints[
         'shoulder'].rmse == 0.5 * after.previous['shoulder']
     # Applied effects cannot be added again.
-    assert all(target not in BOTH for _, target in results.findings())
+    assert all(not {*targets} & {*BOTH} for _, targets in results.findings())
     session.select_stage(0)
     assert not session.stage.model.applied.effects
     np.testing.assert_allclose(results.contents().predicted, before.predicted)
-    assert [target for _, target in results.findings()] == targets
+    assert [targets for _, targets in results.findings()] == targets
     # Redo, without another fit or diagnosis.
     done = list(session.worker.done)
     session.select_stage(1)
     assert worked(session).worker.done == done
     assert results.contents().comparison.joints['shoulder'].rmse == after.comparison.joints[
         'shoulder'].rmse
+
+
+def test_the_button_of_a_finding_adds_what_diagnose_names(learned):
+    """An ambiguous effect whose size is not physical is replaced by its alternatives."""
+    session, results = learned, Results(learned)
+    finding = worked(session).diagnosis.findings[0]
+
+    def button_of(verdict, *to_add):
+        changed = replace(finding, verdict=verdict, to_add=to_add)
+        session.stages = (replace(session.stage, diagnosis=replace(
+            session.diagnosis, findings=(changed,))),)
+        return re.findall('data-act="add" data-value="([^"]*)"', findings_html(results))
+
+    own = f'{finding.effect}:{finding.joint}'
+    for to_add in ((own,), (own, 'torque_gain:elbow'), ('torque_gain:elbow',)):
+        assert button_of('ambiguous', *to_add)[0] == ','.join(to_add)
+    assert button_of('weak') == [own]
+    assert not button_of('ambiguous') and not button_of('untestable')
 
 
 def test_a_step_after_undo_replaces_the_undone_stages(learned):
