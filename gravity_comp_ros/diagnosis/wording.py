@@ -1,4 +1,4 @@
-"""Text of a diagnosis: a summary sentence, a sentence for each finding, numbers with units."""
+"""Text of a diagnosis: a summary sentence, names of findings, numbers with units."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ _MAX_COEFFICIENTS = 2
 
 def verdict(diagnosis: Diagnosis) -> str:
     """Return the diagnosis in one sentence."""
-    findings = diagnosis.found
-    if findings:
-        if len(findings) == 1:
-            return f'Missing: {sentence(findings[0])}.'
-        return f'{len(findings)} effects are missing. The strongest is {sentence(findings[0])}.'
+    if diagnosis.found:
+        return f'Missing: {"; ".join(map(named, diagnosis.found))}.'
     if diagnosis.findings:
-        return f'{_capital(sentence(diagnosis.findings[0]))}.'
+        first = diagnosis.findings[0]
+        others = f'; alternative: {", ".join(first.rivals)}' if first.rivals else ''
+        state = ('Predicted together with gravity already' if first.is_predicted
+                 else f'Not established ({first.verdict})')
+        return f'{state}: {named(first)}{others}.'
     name, worst = max(diagnosis.joints.items(), key=lambda item: item[1].remaining_share,
                       default=('', None))
     if worst is not None and worst.remaining_share > 0.0:
@@ -34,34 +35,14 @@ def verdict(diagnosis: Diagnosis) -> str:
     return 'Nothing is missing that is detectable in this motion.'
 
 
-def sentence(finding: Finding) -> str:
-    """Return one finding as a sentence without a full stop."""
-    place = where(finding)
+def named(finding: Finding) -> str:
+    """Return the effect of a finding with its place and size."""
     if finding.effect is None:
         at = finding.setting.get('angle')
         near = '' if at is None else f' near {at:.2f} rad'
-        return f'unexplained torque on {place}{near}, which no effect of the library describes'
-    what = named(finding)
-    before, after = before_and_after(finding)
-    verb = 'reduces' if finding.nrmse_after < finding.nrmse_before else 'changes'
-    change = f'it {verb} the held-out error from {before} to {after} of the torque range'
-    alternatives = ', '.join(finding.rivals)
-    if finding.verdict == 'untestable':
-        return f'{what} cannot be tested with this motion'
-    if finding.verdict == 'ambiguous':
-        return f'{what}, explained equally well by {alternatives}; {change}'
-    if finding.verdict == 'weak':
-        return f'possibly {what}, with weak evidence; {change}'
-    if finding.is_predicted:
-        return f'{what}, predicted together with gravity already; {change}'
-    return f'{what}; {change}'
-
-
-def named(finding: Finding) -> str:
-    """Return the effect of a finding with its place and size."""
+        return f'unexplained torque on {where(finding)}{near}'
     size = sizes(finding.coefficients)
-    return (f'{title(finding.effect) if finding.effect else "an unknown effect"} on '
-            f'{where(finding)}{f" ({size})" if size else ""}')
+    return f'{title(finding.effect)} on {where(finding)}{f" ({size})" if size else ""}'
 
 
 def where(finding: Finding) -> str:
@@ -119,18 +100,13 @@ def plus_minus(estimate: Quantity) -> str:
     return f'{estimate.value:.{digits}f} ± {half:.{digits}f}{unit}'
 
 
-def before_and_after(finding: Finding) -> tuple[str, str]:
+def change(finding: Finding) -> str:
     """Return the held-out error without and with an effect, with distinguishable digits."""
     before, after = finding.nrmse_before, finding.nrmse_after
     texts = percent(before), percent(after)
     if texts[0] == texts[1] and before != after:
-        return f'{100.0 * before:.4f} %', f'{100.0 * after:.4f} %'
-    return texts
-
-
-def change(finding: Finding) -> str:
-    """Return the held-out error without and with an effect, joined by an arrow."""
-    return ' → '.join(before_and_after(finding))
+        texts = f'{100.0 * before:.4f} %', f'{100.0 * after:.4f} %'
+    return ' → '.join(texts)
 
 
 def untestable(diagnosis: Diagnosis) -> list[str]:
@@ -143,7 +119,3 @@ def untestable(diagnosis: Diagnosis) -> list[str]:
         f'{effect} on '
         f'{"every joint" if len(names) == len(diagnosis.joints) else ", ".join(names)}: {reason}'
         for (effect, reason), names in grouped.items())]
-
-
-def _capital(text: str) -> str:
-    return text[0].upper() + text[1:]

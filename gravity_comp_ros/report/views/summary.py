@@ -6,7 +6,7 @@ from bokeh.layouts import row
 from bokeh.models import UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.display import percent
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT, Table
@@ -19,7 +19,7 @@ import numpy as np
 def headline(contents: Contents) -> str:
     """Return the largest error, and the missing effects or the joints with unusual errors."""
     if contents.diagnosis is not None:
-        return f'{_largest(contents)}. {_missing(contents.diagnosis)}'
+        return f'{_largest(contents)}. {wording.verdict(contents.diagnosis)}'
     errors = {name: contents.comparison.joints[name] for name in contents.joints}
     useless = [name for name, joint in errors.items() if joint.rmse > max(
         joint.torque_std, REPORT.larger * _noise(contents, name))]
@@ -46,18 +46,6 @@ def named_joint(contents: Contents) -> str:
     if finding is not None and finding.joint in contents.joints:
         return str(finding.joint)
     return contents.worst
-
-
-def _missing(diagnosis: Diagnosis) -> str:
-    if diagnosis.found:
-        return f'Missing: {"; ".join(map(wording.named, diagnosis.found))}.'
-    if diagnosis.findings:
-        first = diagnosis.findings[0]
-        others = f'; alternative: {", ".join(first.rivals)}' if first.rivals else ''
-        return f'Not established ({first.verdict}): {wording.named(first)}{others}.'
-    if any(joint.remaining_share > 0.0 for joint in diagnosis.joints.values()):
-        return 'No effect of the library explains the residual.'
-    return 'Nothing is missing that is detectable in this motion.'
 
 
 def _largest(contents: Contents) -> str:

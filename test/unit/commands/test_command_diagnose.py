@@ -12,7 +12,7 @@ from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.diagnose import next_steps
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, Verdict
-from gravity_comp_ros.diagnosis.wording import sentence
+from gravity_comp_ros.diagnosis.wording import verdict
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
 
@@ -70,7 +70,7 @@ def test_json_has_the_documented_keys_and_the_missing_effects(capsys):
 def test_text_has_a_sentence_a_table_and_commands(capsys):
     out, _ = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
     lines = out.splitlines()
-    assert 'effects are missing. The strongest is' in lines[0] and '±' in lines[0]
+    assert lines[0].startswith('Missing: ') and '±' in lines[0] and '; ' in lines[0]
     for message in ('recording: 2400 samples', 'missing effects', 'held-out error', 'next step',
                     'not identifiable from this recording', 'coulomb_friction', 'established',
                     'reversals'):
@@ -146,6 +146,8 @@ def test_a_finding_that_is_predicted_with_gravity_stays_open_unless_it_is_establ
     terminal.show(*next_steps(args, Diagnosis((untestable, established), {})))
     output = capsys.readouterr().out
     assert 'open: 1 finding\n' in output and 'gravity_comp add' not in output
-    assert 'predicted together with gravity already' in sentence(established)
-    tied = replace(finding('joint_spring', 'ambiguous', ('torque_offset',)), **own)
-    assert 'explained equally well by torque_offset' in sentence(tied)
+    assert verdict(Diagnosis((established,), {})).startswith(
+        'Predicted together with gravity already: joint spring on joint shoulder')
+    tied = finding('joint_spring', 'ambiguous', ('torque_offset',))
+    assert verdict(Diagnosis((tied,), {})) == (
+        'Not established (ambiguous): joint spring on joint shoulder; alternative: torque_offset.')
