@@ -8,6 +8,7 @@ from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.display import percent
+from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT, Table
 from gravity_comp_ros.report.section import Section
@@ -96,12 +97,8 @@ def _regions(contents: Contents) -> str:
     return '<h3>Regions of large error</h3>' + markup.bullets(lines)
 
 
-# Column against which the residual shows an effect; other effects get an added-variable plot.
-_AGAINST = {'coulomb_friction': 'v', 'viscous_friction': 'v', 'stribeck_friction': 'v',
-            'degressive_friction': 'v', 'asymmetric_friction': 'v', 'presliding_hysteresis': 'v',
-            'joint_spring': 'q', 'cable_stiffness': 'q', 'torque_ripple': 'q', 'end_stop': 'q',
-            'torque_gain': 'p', 'load_dependent_friction': 'p', 'torque_drift': 't',
-            'friction_drift': 't', 'torque_offset': 'q'}
+# Column of the quantity over which the residual shows an effect of one joint.
+_OVER = {'speed': 'v', 'position': 'q', 'load': 'p', 'time': 't'}
 
 
 def section(contents: Contents, table: Table) -> Section:
@@ -138,7 +135,8 @@ def error_bars(contents: Contents) -> list[Bars]:
 
 def _evidence(contents: Contents, table: Table, finding: Finding | None) -> figure:
     """Return the plot that shows the finding, or the largest error without a finding."""
-    letter = 'q' if finding is None else _AGAINST.get(finding.effect or '', '')
+    effect = None if finding is None else all_effects().get(finding.effect or '')
+    letter = _OVER.get(effect.signature, '') if effect and effect.scope == 'joint' else ''
     if finding is not None and contents.diagnosis is not None and not letter:
         plots = effects.added(contents, table, [contents.diagnosis.findings.index(finding)])
         if plots:
