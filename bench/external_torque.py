@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """
 External torque in MuJoCo: alarms in free motion, and pushes of known force at known links.
 
-    OPENBLAS_NUM_THREADS=1 python3 -m bench.external_torque [--seeds 11 12 13] [--minutes 20]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.external_torque [--seeds 11-13] [--minutes 20]
 
 A controller moves an arm with friction slowly for 75 s, and a model is fitted. The same arm then
 moves freely, with stops and at up to 0.26 rad/s, for some minutes with other noise. Then a force
@@ -15,12 +14,17 @@ hour of motion takes three minutes.
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+import sys
 import tempfile
+from typing import Any
 
-from bench.closed_loop.arm import Controller, MujocoArm, record, SlowPath, STEP, urdf
+from bench.closed_loop.arm import (
+    builds_and_seeds, Controller, each, MujocoArm, record, SlowPath, STEP, urdf)
+from bench.shared.runner import Result, run
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.evaluation.external_torque import external_torque, ExternalTorqueObserver
@@ -99,7 +103,7 @@ def fitted(build: str, seed: int) -> gc.Model:
 
 def free(model: gc.Model, build: str, seed: int, rate: float,
          minutes: float) -> tuple[int, float, np.ndarray]:
-    """Return the alarms of free motion, its known hours, and the RMS of torque / std (N,)."""
+    """Return the alarms of free motion, its known hours, and torque / std (2, N): RMS, maximum."""
     pushed = Pushed(build, seed, rate)
     rows = [pushed.next() for _ in range(round(60.0 * minutes * rate))]
     t, q, qd, tau = (np.array(part) for part in zip(*rows))
@@ -136,39 +140,46 @@ def pushes(model: gc.Model, build: str, seed: int, rate: float, count: int,
     return results
 
 
-def main() -> None:
-    """Print alarms and times of detection."""
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
-    parser.add_argument('--seeds', type=int, nargs='+', default=[11, 12, 13])
-    parser.add_argument('--builds', nargs='+', default=['six', 'seven'])
+def measured(build: str, seed: int, rate: float, minutes: float, count: int,
+             size: float) -> Result:
+    """Return alarms in free motion, and the times of detection of pushes, of one arm."""
+    model = fitted(build, seed)
+    alarms, known, ratio = free(model, build, seed, rate, minutes)
+    detected = pushes(model, build, seed, rate, count, size)
+    std = np.median([push.std for _, push in detected], axis=0)
+    return {'alarms': alarms, 'hours': known, 'ratio': ratio.max(axis=1).tolist(),
+            'std': [float(std.min()), float(std.max())], 'times': [time for time, _ in detected],
+            'forces': [float(np.linalg.norm(push.force)) for _, push in detected]}
+
+
+def options(parser: ArgumentParser) -> None:
+    builds_and_seeds(parser)
     parser.add_argument('--rate', type=float, default=100.0, help='Hz')
     parser.add_argument('--minutes', type=float, default=20.0, help='free motion of each arm')
     parser.add_argument('--pushes', type=int, default=50, help='of each arm')
     parser.add_argument('--size', type=float, default=5.0, help='standard deviations')
-    args = parser.parse_args()
-    alarms, hours, times, forces = 0, 0.0, [], []
-    for build in args.builds:
-        for seed in args.seeds:
-            model = fitted(build, seed)
-            count, known, ratio = free(model, build, seed, args.rate, args.minutes)
-            detected = pushes(model, build, seed, args.rate, args.pushes, args.size)
-            late = np.array([time for time, _ in detected])
-            std = np.median([push.std for _, push in detected], axis=0)
-            print(f'{build} {seed}: {count} alarms in {60 * known:.1f} min, torque / std RMS '
-                  f'{ratio[0].max():.2f}, max {ratio[1].max():.2f}; std '
-                  f'{std.min():.2f} to {std.max():.2f} N·m; {len(late)} pushes, '
-                  f'{(late <= LIMIT).sum()} within {1e3 * LIMIT:.0f} ms, '
-                  f'median {1e3 * np.median(late):.0f} ms', flush=True)
-            alarms, hours = alarms + count, hours + known
-            times += late.tolist()
-            forces += [float(np.linalg.norm(push.force)) for _, push in detected]
-    delays = np.array(times)
-    print(f'{alarms} alarms in {hours:.2f} h; {len(delays)} pushes of {args.size:g} std '
-          f'({min(forces):.1f} to {max(forces):.0f} N, median {np.median(forces):.1f} N): '
-          f'{(delays <= LIMIT).sum()} within {1e3 * LIMIT:.0f} ms, '
-          f'{np.isinf(delays).sum()} missed, time median {1e3 * np.median(delays):.0f}, '
-          f'95 % {1e3 * np.quantile(delays, 0.95):.0f} ms')
+
+
+def cases(args: Namespace) -> dict[str, tuple[Any, ...]]:
+    return each(args, args.rate, args.minutes, args.pushes, args.size)
+
+
+def line(one: Result) -> str:
+    (rms, largest), (low, high) = one['ratio'], one['std']
+    return (f'torque / std RMS {rms:.2f}, max {largest:.2f}; std {low:.2f} to {high:.2f} N·m; '
+            f'{totals([one])}')
+
+
+def totals(results: Sequence[Result]) -> str:
+    times, forces = (np.array([x for one in results for x in one[key]])
+                     for key in ('times', 'forces'))
+    return (f'{sum(one["alarms"] for one in results)} alarms in '
+            f'{sum(one["hours"] for one in results):.2f} h; {len(times)} pushes of '
+            f'{forces.min():.1f} to {forces.max():.0f} N, median {np.median(forces):.1f} N: '
+            f'{(times <= LIMIT).sum()} within {1e3 * LIMIT:.0f} ms, {np.isinf(times).sum()} '
+            f'missed, time median {1e3 * np.median(times):.0f}, 95 % '
+            f'{1e3 * np.quantile(times, 0.95):.0f} ms')
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(run(__doc__, options, cases, measured, line, totals))

@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """
 Sag of a position-controlled arm in MuJoCo without and with `~/position_offset`.
 
-    OPENBLAS_NUM_THREADS=1 python3 -m bench.servo_sag [--seeds 11 12 13] [--poses 10]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.servo_sag [--seeds 11-13] [--poses 10]
 
 The servos have a random stiffness of 100 to 400 N·m/rad, no integral part, and 1 N·m of friction.
 They follow a slow path for 75 s; gravity and then the stiffness are learned from that recording.
@@ -14,12 +13,15 @@ of both sides, RMS over poses and joints; half their difference is what friction
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser
 from pathlib import Path
+import sys
 import tempfile
 
-from bench.closed_loop.arm import Controller, MujocoArm, SlowPath, STEP, urdf
+from bench.closed_loop.arm import (
+    builds_and_seeds, Controller, each, MujocoArm, SlowPath, STEP, urdf)
 from bench.shared.node_messages import joint_state
+from bench.shared.runner import extremes, figures, Result, run
 import gravity_comp_ros as gc
 from gravity_comp_ros.calibration.servo_stiffness import servo_stiffness
 from gravity_comp_ros.data.samples import JointSamples
@@ -94,28 +96,36 @@ class Servos:
         return goal - self.arm.q
 
 
-def measure(build: str, seed: int, poses: int, folder: Path) -> tuple[np.ndarray, ...]:
-    """Return true and found stiffness (N,), and errors (P, 2, N) without and with the offset."""
+def measure(build: str, seed: int, poses: int) -> Result:
+    """Return the figures of one arm: sag in degrees, and stiffness."""
     servos = Servos(build, seed)
     samples, goals = servos.record(75.0)
-    (folder / 'arm.urdf').write_text(urdf(servos.arm.links))
     recording = gc.Recording(samples)
-    model = gc.fit(recording, urdf=folder / 'arm.urdf').gravity
     slow = recording.slow
-    result = servo_stiffness(model, slow, goals[np.searchsorted(samples.t, slow.t - 1e-6)])
-    # Joints without a stiffness carry hardly any torque, and get no offset.
-    stiffness = np.array([result.stiffness[joint].value if joint in result.stiffness else 1e6
-                          for joint in model.joints])
-    save_model(folder / 'arm.json', model)
-    core = NodeCore(Parameters(model_file=str(folder / 'arm.json'), unlimited_torque=True,
-                               servo_stiffness=tuple(stiffness)), 'joint_states', 0.0)
-    without, with_offset = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        description, file = Path(folder) / 'arm.urdf', Path(folder) / 'arm.json'
+        description.write_text(urdf(servos.arm.links))
+        model = gc.fit(recording, urdf=description).gravity
+        save_model(file, model)
+        result = servo_stiffness(model, slow, goals[np.searchsorted(samples.t, slow.t - 1e-6)])
+        # Joints without a stiffness carry hardly any torque, and get no offset.
+        stiffness = np.array([result.stiffness[joint].value if joint in result.stiffness else 1e6
+                              for joint in model.joints])
+        core = NodeCore(Parameters(model_file=str(file), unlimited_torque=True,
+                                   servo_stiffness=tuple(stiffness)), 'joint_states', 0.0)
+    errors = []
     for goal in servos.rng.uniform(samples.q.min(axis=0), samples.q.max(axis=0),
                                    (poses, samples.n_joints)):
         servos.offset = 0.0 * goal
-        without.append(servos.sag(goal, 2.0))
-        with_offset.append(servos.sag(goal, 3.0, core, stiffness))
-    return servos.control.kp, stiffness, np.array(without), np.array(with_offset)
+        errors.append((servos.sag(goal, 2.0), servos.sag(goal, 3.0, core, stiffness)))
+    # Sides of the goal, with the offset and without (2, 2, P, N).
+    below, above = np.array(errors).transpose(2, 1, 0, 3)
+    (before, after), known = 0.5 * (below + above), stiffness < 1e6
+    return {'sag': rms(before), 'with offset': rms(after), 'worst': float(
+                np.degrees(np.abs(after).max())), 'friction holds': rms(0.5 * (above - below)[1]),
+            'falls by %': 100.0 * (1.0 - rms(after) / rms(before)),
+            'stiffness of': int(known.sum()), 'worst error %': 100.0 * float(
+                np.abs(stiffness / servos.control.kp - 1.0)[known].max())}
 
 
 def rms(error: np.ndarray) -> float:
@@ -123,26 +133,11 @@ def rms(error: np.ndarray) -> float:
     return float(np.degrees(np.sqrt((error ** 2).mean())))
 
 
-def main() -> None:
-    """Print the sag of each arm."""
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
-    parser.add_argument('--seeds', type=int, nargs='+', default=[11, 12, 13])
-    parser.add_argument('--builds', nargs='+', default=['six', 'seven'])
+def options(parser: ArgumentParser) -> None:
+    builds_and_seeds(parser)
     parser.add_argument('--poses', type=int, default=10)
-    args = parser.parse_args()
-    for build in args.builds:
-        for seed in args.seeds:
-            with tempfile.TemporaryDirectory() as folder:
-                true, measured, without, after = measure(build, seed, args.poses, Path(folder))
-            before, rest = (rms(errors.mean(axis=1)) for errors in (without, after))
-            known, worst = measured < 1e6, np.degrees(np.abs(after.mean(axis=1)).max())
-            error = np.abs(measured / true - 1.0)[known].max()
-            print(f'{build} {seed}: sag {before:.2f} -> {rest:.2f} degrees RMS, falls by '
-                  f'{100 * (1 - rest / before):.1f} %, worst {worst:.2f} degrees; friction holds '
-                  f'{rms(0.5 * np.diff(after, axis=1)):.2f} degrees; stiffness '
-                  f'of {known.sum()} of {len(true)} joints, worst error '
-                  f'{100 * error:.1f} %', flush=True)
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(run(__doc__, options, lambda args: each(args, args.poses), measure, figures,
+                 extremes))

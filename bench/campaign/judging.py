@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bench.cases.cases import ARMS, Case, Pair, Truth
+from bench.cases.cases import ARMS, Case, Truth
 from bench.cases.signals import (
     Degradation, FilteredTorque, LostMessages, NoVelocity, SteppedTorque)
+from bench.shared.findings import Known, Pair
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import (
@@ -136,12 +137,18 @@ def _one_way(arm: str, rng: np.random.Generator) -> Case:
                 truths=(coulomb(joint, level), offset(joint)), one_way=joint)
 
 
-def coulomb(joint: int, *level: float) -> Truth:
-    return Truth('coulomb_friction', joint, values=level, unit='N·m')
+def coulomb(joint: int, level: float | None = None) -> Truth:
+    return _truth('coulomb_friction', joint, level)
 
 
-def offset(joint: int, *zero: float) -> Truth:
-    return Truth('torque_offset', joint, values=zero, unit='N·m')
+def offset(joint: int, zero: float | None = None) -> Truth:
+    return _truth('torque_offset', joint, zero)
+
+
+def _truth(effect: str, joint: int, size: float | None) -> Truth:
+    """Return a true effect of a size in N·m, None if it is not judged."""
+    return Truth(effect, joint, known=None if size is None else Known(
+        effect, joint, 'N·m', size, size))
 
 
 def bristles(*joints: int) -> frozenset[Pair]:

@@ -1,127 +1,43 @@
-"""Score of a diagnosis: its findings against the truth of a hidden-effect case."""
+"""Score of a diagnosis: its findings against the truth of a hidden-effect case; table."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-from bench.cases.cases import Case, Pair, Truth
-from gravity_comp_ros.effects.rigid_body import DYNAMICS
+from bench.cases.cases import Case
+from bench.shared.findings import coverage, false_findings, Finding
+from bench.shared.runner import Result, table_of
+import numpy as np
+
+# Required held-out error relative to a fit with the true effects.
+ERROR = 1.25
+_HEAD = ('case', 'effects named', 'untestable reported', 'with a false finding',
+         'intervals that cover', f'error within {ERROR} x that of the true effects, worst',
+         'time in s: median, worst', 'missed, false')
 
 
-# Verdicts that are findings; the others report an unresolved effect.
-ACCEPTED = ('established', 'likely')
-# Effects of every simulated recording, since links have inertia; naming them is never false.
-ALWAYS_THERE = frozenset((DYNAMICS,))
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A coefficient's 95 % interval and its true value."""
-
-    effect: str
-    truth: float
-    value: float
-    low: float
-    high: float
-
-    @property
-    def covers(self) -> bool:
-        return self.low <= self.truth <= self.high
-
-
-@dataclass(frozen=True)
-class Score:
-    """
-    Score of one diagnosis.
-
-    `named` has one entry for each truth. `false` lists findings without a true effect. `right` is
-    whether the diagnosis finds all truths, or calls them untestable, and has no false finding.
-    """
-
-    named: tuple[bool, ...]
-    false: tuple[str, ...]
-    intervals: tuple[Interval, ...]
-    right: bool
-
-
-def score(case: Case, diagnosis: Mapping[str, Any], joints: Sequence[str]) -> Score:
+def score(case: Case, diagnosis: Mapping[str, Any], joints: Sequence[str]) -> Result:
     """
     Return the score of the output of `diagnose --json` on a case.
+
+    `named` has one entry for each truth. `wrong` lists truths that are missed, and findings
+    without a true effect. `right` is whether the diagnosis finds all truths, or calls them
+    untestable, and has no false finding.
 
     :param joints: the arm's joint names in order.
     """
     findings = [Finding.of(entry, joints) for entry in diagnosis['findings']]
-    accepted = [finding for finding in findings if finding.accepted]
-    named = tuple(any(finding.names(truth) for finding in findings) for truth in case.truths)
-    false = tuple(str(finding) for finding in accepted if not finding.is_among(case))
-    intervals = tuple(interval for truth in case.truths for finding in accepted
-                      for interval in finding.intervals(truth))
-    right = _called_untestable(case, findings, diagnosis, joints) if case.untestable \
-        else all(named)
-    return Score(named, false, intervals, right and not false)
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One finding, with its joint as an index from 0."""
-
-    effect: str | None
-    joint: int | None
-    verdict: str
-    rivals: tuple[Pair, ...]
-    coefficients: tuple[tuple[float, str, float, float], ...]
-
-    @classmethod
-    def of(cls, entry: Mapping[str, Any], joints: Sequence[str]) -> Finding:
-        joint = None if entry['joint'] is None else joints.index(entry['joint'])
-        coefficients = tuple((c['value'], c['unit'], *c['ci95'])
-                             for c in entry['coefficients'].values())
-        return cls(entry['effect'], joint, entry['verdict'],
-                   tuple(_alternative(text, joint, joints) for text in entry['rivals']),
-                   coefficients)
-
-    def __str__(self) -> str:
-        where = 'arm' if self.joint is None else str(self.joint + 1)
-        alternatives = ''.join(f' or {name}' for name, _ in self.rivals)
-        return f'{self.effect or "unexplained"}:{where} ({self.verdict}){alternatives}'
-
-    @property
-    def accepted(self) -> bool:
-        return self.verdict in ACCEPTED and self.effect is not None
-
-    def is_among(self, case: Case) -> bool:
-        """Return whether the effect is in the recording, expected or only allowed."""
-        if self.effect in ALWAYS_THERE:
-            return True
-        true_pairs = case.expected | case.allowed
-        return any(_same((self.effect, self.joint), pair) for pair in true_pairs)
-
-    def names(self, truth: Truth) -> bool:
-        """Return whether it names a truth, alone or as one of ambiguous alternatives."""
-        if self.effect is None or self.verdict not in (*ACCEPTED, 'ambiguous'):
-            return False
-        pairs = [(self.effect, self.joint)]
-        if self.verdict == 'ambiguous':
-            pairs += self.rivals
-        return any(_same(pair, answer) for pair in pairs for answer in truth.answers)
-
-    def intervals(self, truth: Truth) -> list[Interval]:
-        if not _same((self.effect, self.joint), (truth.effect, truth.joint)):
-            return []
-        return [Interval(truth.effect, true, value, low, high)
-                for true, (value, unit, low, high) in zip(truth.values, self.coefficients)
-                if unit == truth.unit]
-
-
-def _alternative(text: str, joint: int | None, joints: Sequence[str]) -> Pair:
-    effect, _, where = text.partition(':')
-    return effect, joints.index(where) if where in joints else joint
-
-
-def _same(named: tuple[str | None, int | None], true: Pair) -> bool:
-    return named[0] == true[0] and (true[1] is None or named[1] == true[1])
+    named = [any(f.names(truth.answers) for f in findings) for truth in case.truths]
+    false = false_findings(findings, case.expected | case.allowed)
+    missed = [] if case.untestable else [
+        f'missed {truth.effect}' for truth, one in zip(case.truths, named) if not one]
+    found = not missed if not case.untestable else _called_untestable(
+        case, findings, diagnosis, joints)
+    known = [truth.known for truth in case.truths if truth.known is not None]
+    return {'untestable': case.untestable, 'named': named, 'false': bool(false),
+            'wrong': [*missed, *false], 'right': found and not false,
+            'covers': [interval.covers for interval in coverage(findings, known)]}
 
 
 def _called_untestable(case: Case, findings: Sequence[Finding], diagnosis: Mapping[str, Any],
@@ -140,3 +56,33 @@ def _called_untestable(case: Case, findings: Sequence[Finding], diagnosis: Mappi
                 for joint in true_joints if joint is not None]
     untestable = {f.effect for f in related if f.verdict == 'untestable'}
     return any(names <= untestable | set(reasons) for reasons in reported)
+
+
+def table(results: Sequence[Result]) -> str:
+    """Return the counts as Markdown: all recordings first, then each case on each arm."""
+    groups = {'all': list(results)}
+    for result in results:
+        groups.setdefault(f'{result["arm"]} {result["kind"]}', []).append(result)
+    return table_of(_HEAD, ((name, *_counts(group)) for name, group in groups.items()))
+
+
+def _counts(group: Sequence[Result]) -> tuple[str, ...]:
+    errors = [error_ratio(result) for result in group if 'floor' in result]
+    seconds = [result['seconds'] for result in group]
+    return (_share([all(r['named']) for r in group if not r['untestable']]),
+            _share([r['right'] for r in group if r['untestable']]),
+            _share([r['false'] for r in group]),
+            _share([covers for r in group for covers in r['covers']]),
+            _share([error <= ERROR for error in errors]) + f', {max(errors, default=np.nan):.2f}',
+            f'{np.median(seconds):.0f}, {max(seconds):.0f}',
+            '; '.join(f'seed {r["seed"]}: {text}' for r in group for text in r['wrong']))
+
+
+def error_ratio(result: Result) -> float:
+    """Return the worst joint's held-out error relative to a fit with the true effects."""
+    after = result['diagnosis']['joints']
+    return max(after[name]['rmse_after'] / floor for name, floor in result['floor'].items())
+
+
+def _share(values: Sequence[bool]) -> str:
+    return f'{sum(values)} of {len(values)}'

@@ -9,15 +9,13 @@ from zlib import crc32
 
 from bench.cases.arms import generated_arm, six_axis
 from bench.cases.signals import Degradation, measured, Pause, SensorOptions, with_pauses
+from bench.shared.findings import Known, Pair
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.simulation.arms import Arm, iiwa7
 from gravity_comp_ros.simulation.hidden import noise_levels
 from gravity_comp_ros.simulation.motions import Motion, multisine, MultisineOptions, sample
 from gravity_comp_ros.simulation.synthesise import Disturbance, synthesise, SynthesisOptions
 import numpy as np
-
-Pair = tuple[str, int | None]
-"""An effect and its joint, counted from 0; None for the whole arm, or any joint."""
 
 ARMS: dict[str, Callable[[], Arm]] = {
     'iiwa7': iiwa7, 'six_axis': six_axis,
@@ -33,15 +31,13 @@ class Truth:
     """
     A true effect on a joint; its `equivalents` explain the same torque.
 
-    `values` are the expected coefficients, in their order and in `unit`; empty where the
-    coefficients of simulation and library differ in meaning.
+    `known` is None where the coefficients of simulation and library differ in meaning.
     """
 
     effect: str
     joint: int | None
     equivalents: tuple[Pair, ...] = ()
-    values: tuple[float, ...] = ()
-    unit: str = ''
+    known: Known | None = None
 
     @property
     def answers(self) -> frozenset[Pair]:

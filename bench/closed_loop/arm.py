@@ -6,8 +6,11 @@ This code is independent of the package's own simulation. Each arm has a URDF.
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass
+from typing import Any
 
+from bench.shared.runner import names, seeds
 from gravity_comp_ros.data.samples import JointSamples
 import mujoco
 import numpy as np
@@ -194,3 +197,15 @@ def record(arm: MujocoArm, path: SlowPath, start: float, duration: float) -> Joi
         arm.step(tau)
     t, q, qd, tau = (np.array(part) for part in zip(*rows))
     return JointSamples.single_run(arm.joints, t, q, qd, tau)
+
+
+def builds_and_seeds(parser: ArgumentParser) -> None:
+    """Add the options of each bench in MuJoCo."""
+    parser.add_argument('--builds', type=names, default=','.join(BUILDS))
+    parser.add_argument('--seeds', type=seeds, default='11-13', help='(default: %(default)s)')
+
+
+def each(args: Namespace, *more: Any) -> dict[str, tuple[Any, ...]]:
+    """Return the arguments of each build and seed, with further ones, by the name of the case."""
+    return {'.'.join(map(str, (build, seed, *more))): (build, seed, *more)
+            for build in args.builds for seed in args.seeds}

@@ -1,7 +1,7 @@
 """
 Drift of an arm in MuJoCo that the torque of the running node supports, over DDS.
 
-    OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.closed_loop [--seeds 3] [--first 2]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.closed_loop [--seeds 2]
 
 A controller moves the arm slowly for 75 s without a load, while the node learns. Then 2 kg are
 attached to the flange, `~/payload_changed` is called, and the arm moves slowly for 15 s and for 75
@@ -13,11 +13,14 @@ holds the arm, so only a larger torque error moves it.
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
+from argparse import ArgumentParser
+from collections.abc import Callable, Sequence
+import sys
 import time
 
-from bench.closed_loop.arm import BUILDS, Controller, Load, MujocoArm, SlowPath, STEP
+from bench.closed_loop.arm import (
+    BUILDS, builds_and_seeds, Controller, each, Load, MujocoArm, SlowPath, STEP)
+from bench.shared.runner import Result, run
 import numpy as np
 
 RATE = 100.0
@@ -101,23 +104,21 @@ class Rig:
         self.probe.spin(max(remaining, 1e-3))
 
 
-def measure(build: str, seed: int, poses: int) -> dict[str, list[float]]:
-    """Return the drifts of one arm at each stage."""
+def measure(build: str, seed: int, poses: int) -> Result:
+    """Return the drifts of one arm at each stage, with the messages of the node before it."""
     from bench.shared.ros_harness import running
     drifts: dict[str, list[float]] = {}
+    told: dict[str, list[str]] = {}
     with running({'unlimited_torque': True}) as (_, probe):
         rig = Rig(probe, build, seed)
         rng = np.random.default_rng([seed, 9])
 
         def stage(name: str) -> None:
             start = rng.uniform(rig.low, rig.high, (poses, len(rig.low)))
-            before = probe.status['model'].message
+            told[name] = [probe.status['model'].message]
             drifts[name] = [rig.drift(q) for q in start]
-            size = np.sqrt((rig.arm.gravity(start) ** 2).mean())
-            print(f'  {build} {seed} {name}: drift {np.round(drifts[name], 2)} degrees, gravity '
-                  f'{size:.1f} N·m; {before[:90]}; '
-                  f'{probe.status["learning"].message[:150]} '
-                  f'{probe.values("learning").get("last fit", "")[:300]}', flush=True)
+            told[name] += [probe.status['learning'].message,
+                           probe.values('learning').get('last fit', '')]
 
         rig.move(0.0, 75.0)
         stage('no load')
@@ -127,24 +128,30 @@ def measure(build: str, seed: int, poses: int) -> dict[str, list[float]]:
         stage('2 kg, 15 s')
         rig.move(90.0, 60.0)
         stage('2 kg, 75 s')
-    return drifts
+    return {'build': build, 'drifts': drifts, 'messages': told}
 
 
-def main() -> None:
-    """Print median and maximum drift of each stage."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--seeds', type=int, default=3)
+def options(parser: ArgumentParser) -> None:
+    builds_and_seeds(parser)
+    parser.set_defaults(seeds=[0, 1, 2])
     parser.add_argument('--poses', type=int, default=5)
-    parser.add_argument('--build', nargs='+', default=list(BUILDS))
-    parser.add_argument('--first', type=int, default=0, help='first seed')
-    args = parser.parse_args()
-    for build in args.build:
-        rows = [measure(build, seed, args.poses) for seed in range(args.first, args.seeds)]
-        for stage in rows[0]:
-            drifts = np.concatenate([row[stage] for row in rows])
-            print(f'{build}, {stage}: median {np.median(drifts):.2f}, worst {drifts.max():.2f} '
-                  'degrees', flush=True)
+
+
+def line(result: Result) -> str:
+    return '\n'.join(f'  {stage}: drift {np.round(drifts, 2)} degrees; '
+                     f'{"; ".join(text[:200] for text in result["messages"][stage])}'
+                     for stage, drifts in result['drifts'].items())
+
+
+def totals(results: Sequence[Result]) -> str:
+    """Return median and maximum drift of each stage."""
+    drifts: dict[str, list[float]] = {}
+    for result in results:
+        for stage, values in result['drifts'].items():
+            drifts.setdefault(f'{result["build"]}, {stage}', []).extend(values)
+    return '\n'.join(f'{title}: median {np.median(values):.2f}, worst {max(values):.2f} degrees'
+                     for title, values in drifts.items())
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(run(__doc__, options, lambda args: each(args, args.poses), measure, line, totals))

@@ -1,7 +1,7 @@
 """
 Faults of descriptions found by `check`: fourteen real arms, one drawn fault each.
 
-    python3 -m bench.export.check [--seeds 500 501] [--arms panda ur5]
+    python3 -m bench.export.check [--seeds 500-501] [--arms panda,ur5]
 
 The arm moves as described (`bench.real_robots`: multisines within a box of poses, inertia, noise,
 in two of three cases LuGre friction on every joint; no hidden effect). The description that is
@@ -13,19 +13,20 @@ and friction; for each case the description without fault is checked too.
 
 from __future__ import annotations
 
-import argparse
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from argparse import ArgumentParser
+from collections.abc import Sequence
 import sys
 import time
 from xml.etree import ElementTree
 
 from bench.real_robots.arms import arm_of, SOURCES, urdf
 from bench.real_robots.cases import generator, Setting
+from bench.real_robots.run import arms_and_seeds, each
+from bench.shared.runner import Result, run
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.description.links import described_arm
-from gravity_comp_ros.description_check.check import check_description, DescriptionCheck
+from gravity_comp_ros.description_check.check import check_description
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pinocchio as pin
@@ -33,30 +34,6 @@ import pinocchio as pin
 KINDS = ('axis_reversed', 'axis_turned', 'mass', 'mount', 'zero_angle', 'body')
 # Least rms of a fault beyond offset and friction, in noise levels.
 VISIBLE = 3.0
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The result of one check: the drawn fault, and the faults that were named."""
-
-    arm: str
-    seed: int
-    kind: str
-    subject: str
-    named: tuple[tuple[str, ...], ...]
-    seconds: float
-
-    @property
-    def is_right(self) -> bool:
-        """Return whether the fault is named, among the first and its alternatives."""
-        own = f'{self.kind} {self.subject}'
-        return any(own in names for names in self.named[:1])
-
-    @property
-    def n_false(self) -> int:
-        """Return the number of faults that are named and not there."""
-        own = f'{self.kind} {self.subject}'
-        return sum(own not in names for names in self.named)
 
 
 def with_fault(text: str, kind: str, joint: int, rng: np.random.Generator) -> tuple[str, str]:
@@ -103,14 +80,8 @@ def _with_camera(text: str, rng: np.random.Generator) -> str:
         f'<child link="camera"/></joint></robot>'))
 
 
-def checked(text: str, samples: JointSamples) -> DescriptionCheck:
-    """Return the check of a description on a recording."""
-    arm = described_arm(text, samples.names)
-    return check_description(slow_samples(samples).samples, arm)
-
-
-def trial(name: str, seed: int) -> list[Outcome]:
-    """Return the outcomes of one case: with a fault, and without."""
+def trial(name: str, seed: int) -> Result:
+    """Return the faults that are named in one case, with a fault and without, by subjects."""
     rng = generator(name, seed, 7)
     own = urdf(name)
     kind = KINDS[(seed + list(SOURCES).index(name)) % len(KINDS)]
@@ -127,56 +98,42 @@ def trial(name: str, seed: int) -> list[Outcome]:
         if (change.std(axis=0) / setting.noise).max() >= VISIBLE:
             break
     friction = setting.friction()
-    runs = [setting.run(friction, motion) for motion in motions]
-    samples = _joined(runs, SOURCES[name].joints)
-    outcomes = []
-    for text, fault, of in ((described, kind, subject), (true, 'none', '')):
+    samples = slow_samples(concatenate([
+        JointSamples.single_run(SOURCES[name].joints, one.t, one.q, one.qd, one.tau)
+        for one in (setting.run(friction, motion) for motion in motions)])).samples
+    result: Result = {'fault': f'{kind} {subject}', 'kind': kind}
+    for key, text in (('named', described), ('without', true)):
         start = time.perf_counter()
-        result = checked(text, samples)
-        names = tuple(tuple(f'{one.fault.kind} {" ".join(one.fault.subjects)}'
-                            for one in (fit, *fit.alternatives)) for fit in result.faults)
-        outcomes.append(Outcome(name, seed, fault, of, names, time.perf_counter() - start))
-    return outcomes
+        found = check_description(samples, described_arm(text, samples.names))
+        result[key] = [[f'{one.fault.kind} {" ".join(one.fault.subjects)}'
+                        for one in (fit, *fit.alternatives)] for fit in found.faults]
+        result[f'{key} seconds'] = time.perf_counter() - start
+    result['right'] = result['fault'] in next(iter(result['named']), [])
+    result['false'] = sum(result['fault'] not in names for names in result['named'])
+    return result
 
 
-def _joined(runs: list, joints: tuple[str, ...]) -> JointSamples:
-    return concatenate([JointSamples.single_run(joints, run.t, run.q, run.qd, run.tau)
-                        for run in runs])
+def options(parser: ArgumentParser) -> None:
+    arms_and_seeds(parser)
+    parser.set_defaults(seeds=[500])
 
 
-def _line(one: Outcome) -> str:
-    mark = 'false' if one.n_false else 'ok'
-    if one.kind != 'none':
-        mark = 'named' if one.is_right else 'missed'
-        mark += f', {one.n_false} false' if one.n_false else ''
-    return (f'{one.arm:10} {one.seed} {one.kind} {one.subject}: {mark}  {one.named} '
-            f'{one.seconds:.1f} s')
+def line(one: Result) -> str:
+    return (f'{one["fault"]}: {"named" if one["right"] else "missed"}, {one["false"]} false '
+            f'{one["named"]} {one["named seconds"]:.1f} s; without fault {one["without"]} '
+            f'{one["without seconds"]:.1f} s')
 
 
-def main() -> int:
-    """Run all cases and print the table."""
-    parser = argparse.ArgumentParser(description='Faults of descriptions found by check.')
-    parser.add_argument('--seeds', type=int, nargs='+', default=[500])
-    parser.add_argument('--arms', nargs='+', default=list(SOURCES))
-    parser.add_argument('--workers', type=int, default=1)
-    args = parser.parse_args()
-    cases = [(name, seed) for seed in args.seeds for name in args.arms]
-    outcomes = []
-    with ProcessPoolExecutor(args.workers) as pool:
-        for both in pool.map(trial, *zip(*cases)):
-            outcomes += both
-            print(*map(_line, both), sep='\n', flush=True)
-    faulty = [one for one in outcomes if one.kind != 'none']
-    clean = [one for one in outcomes if one.kind == 'none']
-    for kind in KINDS:
-        of_kind = [one for one in faulty if one.kind == kind]
-        print(f'{kind:14} {sum(one.is_right for one in of_kind)} of {len(of_kind)} named')
-    print(f'all            {sum(one.is_right for one in faulty)} of {len(faulty)} named, '
-          f'{sum(one.n_false for one in faulty)} false faults in addition')
-    print(f'without fault  {sum(one.n_false > 0 for one in clean)} of {len(clean)} descriptions '
-          f'with a false fault')
-    return 0
+def totals(results: Sequence[Result]) -> str:
+    def named(title: str, group: Sequence[Result]) -> str:
+        return f'{title:14} {sum(one["right"] for one in group)} of {len(group)} named'
+
+    return '\n'.join([
+        *(named(kind, [one for one in results if one['kind'] == kind]) for kind in KINDS),
+        f'{named("all", results)}, {sum(one["false"] for one in results)} false faults added',
+        f'without fault  {sum(bool(one["without"]) for one in results)} of {len(results)} '
+        f'descriptions with a false fault'])
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run(__doc__, options, each, trial, line, totals))

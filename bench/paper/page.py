@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from bench.paper.methods import Row
 from bench.paper.scenes import FloatArray
-from bench.shared.stored import table
+from bench.shared.runner import table_of
 import numpy as np
 
 PAPER_3 = ('Yu 2022, Table 3', '246, 76, 171', '0.28 to 0.44 a joint', '0.43, 0.48, 0.57',
@@ -25,8 +25,8 @@ def table_3(rows: Sequence[Row]) -> str:
     body = [(r.name, _features(r, joints), _seconds(r.seconds),
              _percents(r.nrmse_inside, joints), _torque(r.inside.max()),
              _percents(r.nrmse_anywhere, joints), _torque(r.anywhere.max())) for r in rows]
-    return table(['method', 'features', 'time s', 'nRMSE %', 'worst joint N·m',
-                  'other poses: nRMSE %', 'worst joint N·m'], [*body, PAPER_3])
+    return table_of(['method', 'features', 'time s', 'nRMSE %', 'worst joint N·m',
+                     'other poses: nRMSE %', 'worst joint N·m'], [*body, PAPER_3])
 
 
 def table_4(rows: Sequence[Row]) -> str:
@@ -35,8 +35,8 @@ def table_4(rows: Sequence[Row]) -> str:
     body = [(r.name, _features(r, joints), _seconds(r.seconds), _percents(r.nrmse, joints),
              *(_torque(error.max()) for error in (r.measured, r.inside, r.anywhere)))
             for r in rows]
-    return table(['method', 'features', 'time s', 'nRMSE %', 'worst joint N·m',
-                  'gravity alone', 'whole range'], [*body, PAPER_4, PAPER_8])
+    return table_of(['method', 'features', 'time s', 'nRMSE %', 'worst joint N·m',
+                     'gravity alone', 'whole range'], [*body, PAPER_4, PAPER_8])
 
 
 def table_5(payloads: Mapping[str, Sequence[Row]]) -> str:
@@ -46,19 +46,19 @@ def table_5(payloads: Mapping[str, Sequence[Row]]) -> str:
         errors = [' / '.join(_torque(error.max()) for error in (r.measured, r.inside, r.anywhere))
                   for r in rows]
         body.append((rows[0].name, rows[0].n_samples or '–', *errors))
-    return table(['method', 'samples', *payloads], [*body, PAPER_5])
+    return table_of(['method', 'samples', *payloads], [*body, PAPER_5])
 
 
 def small_motion(rows: Sequence[Row]) -> str:
     """Return the errors of gravity alone, later on the same motion and over the whole range."""
-    return table(['method', 'same motion later', 'whole range'],
-                 [(r.name, _torque(r.inside.max()), _torque(r.anywhere.max())) for r in rows])
+    return table_of(['method', 'same motion later', 'whole range'],
+                    [(r.name, _torque(r.inside.max()), _torque(r.anywhere.max())) for r in rows])
 
 
 def friction(rse: Mapping[str, Sequence[float]]) -> str:
     """Return the RSE of Eq. (18) of each joint, forward and reverse."""
-    return table(['joint', 'RSE forward %', 'RSE reverse %'],
-                 [(name, *(f'{100 * x:.3f}' for x in both)) for name, both in rse.items()])
+    return table_of(['joint', 'RSE forward %', 'RSE reverse %'],
+                    [(name, *(f'{100 * x:.3f}' for x in both)) for name, both in rse.items()])
 
 
 def _features(result: Row, joints: Sequence[int]) -> str:

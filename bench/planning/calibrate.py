@@ -1,7 +1,7 @@
 """
 Stated chance of a plan against what the regression finds after it.
 
-    python -m bench.planning.calibrate results.jsonl --seeds 0,1 --arms iiwa7,six_axis
+    python -m bench.planning.calibrate [results/] --seeds 0-1 --arms iiwa7,six_axis
 
 The size of the effect is drawn from the prior that the plan assumes. A case counts as resolved if
 the regression of both recordings has the effect with the gain of the engine's limit and without
@@ -10,17 +10,15 @@ alternatives.
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
-import json
-from pathlib import Path
 import sys
 import time
 from typing import Any
 
-from bench.planning.scenes import MORE_SECONDS, RATE, Scene, slow_sines
+from bench.planning.scenes import MORE_SECONDS, POOR, RATE, Scene, slow_sines
+from bench.shared.runner import names, Result, run, seeds, table_of
 from bench.shared.serial_arms import geometry_of
-from bench.shared.stored import table as table_of
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
@@ -36,60 +34,51 @@ EFFECTS = ('coulomb_friction', 'viscous_friction', 'torque_offset', 'joint_sprin
 _BINS = (0.0, 0.2, 0.5, 0.8, 0.9, 1.0)
 
 
-def main() -> int:
-    """Run the cases, append their results, and print the table of all in the file."""
-    out = argparse.ArgumentParser(description='Calibration of the stated chance.')
-    out.add_argument('results', help='file of JSON lines')
-    out.add_argument('--arms', default='iiwa7,six_axis')
-    out.add_argument('--effects', default=','.join(EFFECTS))
-    out.add_argument('--poor', default='one_way,one_speed,narrow,one_posture')
-    out.add_argument('--seeds', default='0,1')
-    out.add_argument('--described', action='store_true', help='with a robot description')
-    out.add_argument('--minutes', type=float, default=1e9, help='start no case after this time')
-    args = out.parse_args()
-    path = Path(args.results)
-    deadline = time.monotonic() + 60.0 * args.minutes
-    for seed in map(int, args.seeds.split(',')):
-        for effect in args.effects.split(','):
-            for poor in args.poor.split(','):
-                for arm in args.arms.split(','):
-                    if time.monotonic() > deadline:
-                        continue
-                    scene = Scene(arm, effect, 1 + 2 * (seed % 2), poor, seed,
-                                  described=args.described)
-                    with path.open('a') as file:
-                        file.write(json.dumps(run(scene)) + '\n')
-    print(table([json.loads(line) for line in path.read_text().splitlines()]))
-    return 0
+def options(parser: ArgumentParser) -> None:
+    parser.add_argument('--arms', type=names, default='iiwa7,six_axis')
+    parser.add_argument('--effects', type=names, default=','.join(EFFECTS))
+    parser.add_argument('--poor', type=names, default=','.join(POOR))
+    parser.add_argument('--seeds', type=seeds, default='0-1')
+    parser.add_argument('--described', action='store_true', help='with a robot description')
 
 
-def run(scene: Scene) -> dict[str, Any]:
+def cases(args: Namespace) -> dict[str, tuple[Any, ...]]:
+    scenes = [Scene(arm, effect, 1 + 2 * (seed % 2), poor, seed, described=args.described)
+              for seed in args.seeds for effect in args.effects for poor in args.poor
+              for arm in args.arms]
+    return {scene.name: (scene,) for scene in scenes}
+
+
+def planned(scene: Scene) -> Result:
     """Return the stated chances of a case, and what was found before and after each motion."""
-    result: dict[str, Any] = {'name': scene.name, 'effect': scene.effect, 'poor': scene.poor}
+    result: Result = {'effect': scene.effect, 'poor': scene.poor}
     axes = geometry_of(scene.arm_model) if scene.described else None
-    options, target = FitOptions('chain', geometry=axes), scene.truth
+    fit, target = FitOptions('chain', geometry=axes), scene.truth
     limits = PlanOptions(MORE_SECONDS)
     try:
-        sized = replace(scene, drawn=_size(scene, options, limits))
+        sized = replace(scene, drawn=_size(scene, fit, limits))
         old = sized.recorded()
-        estimated = estimate(old, options)
+        estimated = estimate(old, fit)
         model = model_of(estimated)
         started = time.process_time()
-        planned = plan(old, model, [target], limits, estimated=estimated)
+        found = plan(old, model, [target], limits, estimated=estimated)
         seconds = time.process_time() - started
-        expected = planned.expectations[0]
-        trajectory = planned.trajectory
+        trajectory = found.trajectory
         ways = {'planned': motions.sample('planned', trajectory.at, trajectory.duration, RATE),
                 'random': slow_sines(old.q.min(axis=0) - 1e-3, old.q.max(axis=0) + 1e-3,
                                      limits.max_speed, scene.seed)}
         resolved = {
-            way: _is_resolved(concatenate([old, sized.later(motion)]), options, model, target)
+            way: _is_resolved(concatenate([old, sized.later(motion)]), fit, model, target)
             for way, motion in ways.items()}
     except GravityCompError as problem:
         return {**result, 'error': str(problem)}
     return {**result, 'size': sized.drawn, 'plan_seconds': seconds,
-            'expected': expected.to_json(), 'found': resolved,
-            'before': _is_resolved(old, options, model, target)}
+            'expected': found.expectations[0].to_json(), 'found': resolved,
+            'before': _is_resolved(old, fit, model, target)}
+
+
+def line(result: Result) -> str:
+    return result.get('error') or f'{result["expected"]["chance"]:.2f} {result["found"]}'
 
 
 def _size(scene: Scene, options: FitOptions, limits: PlanOptions) -> float:
@@ -109,7 +98,7 @@ def _is_resolved(samples: JointSamples, options: FitOptions, model: GravityModel
     return key in regression.gains and not regression.alternatives[key]
 
 
-def table(results: list[dict[str, Any]]) -> str:
+def table(results: list[Result]) -> str:
     """Return the counts by poor recording, and the calibration of the chance."""
     done = [r for r in results if 'found' in r]
     rows = []
@@ -134,4 +123,4 @@ def table(results: list[dict[str, Any]]) -> str:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run(__doc__, options, cases, planned, line, table))

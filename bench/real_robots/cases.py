@@ -27,7 +27,8 @@ from zlib import crc32
 
 from bench.real_robots.arms import arm_of, urdf
 from bench.real_robots.laws import (
-    gear_friction, Hidden, Known, level_of, MAKERS, Site, with_one_level)
+    gear_friction, Hidden, level_of, MAKERS, Site, with_one_level)
+from bench.shared.findings import Known
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import Friction, JointFriction

@@ -23,7 +23,8 @@ import tempfile
 
 from bench.real_robots.arms import arm_of, urdf, with_other_masses
 from bench.real_robots.cases import generator, recorded, regressor, scales
-from bench.real_robots.errors import judged, rms
+from bench.real_robots.run import arms_and_seeds, each, rms
+from bench.shared.runner import extremes, figures, Result, run
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
@@ -34,25 +35,28 @@ _DURATION, _RATE, _SPEED, _POSES = 100.0, 5.0, 0.2, 1000
 _GATE = gc.GateOptions(max_speed=0.25)
 
 
-def errors_of(name: str, seed: int) -> list[float]:
+def errors_of(name: str, seed: int) -> Result:
     """Return the floor, and the error and its ratio to it without and with the description."""
     arm, rng = arm_of(urdf(name)), generator(name, seed, 1)
     scale, largest = scales(arm)
     noise = rng.uniform(0.001, 0.002, arm.n_joints) * scale
     motion = multisine(arm.lower, arm.upper, arm.max_speed, int(rng.integers(2 ** 31)),
                        MultisineOptions(_SPEED, _DURATION), _DURATION, _RATE)
-    run = recorded(arm, motion, (), noise, rng)
+    one = recorded(arm, motion, (), noise, rng)
     q = rng.uniform(arm.lower, arm.upper, (_POSES, arm.n_joints))
     truth = gravity_torque(arm, q)
-    recording = gc.Recording.from_arrays([run.q], [run.tau], [run.t], qd=[run.qd],
+    recording = gc.Recording.from_arrays([one.q], [one.tau], [one.t], qd=[one.qd],
                                          names=arm.joints, gate=_GATE)
-    bound = rms(floor(arm, motion, run.tau, noise, q), truth, largest)
+    bound = rms(floor(arm, motion, one.tau, noise, q), truth, largest)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'arm.urdf'
         path.write_text(with_other_masses(urdf(name), seed), encoding='utf-8')
-        errors = [rms(model.predict(q), truth, largest)
-                  for model in (gc.fit(recording), gc.fit(recording, urdf=path))]
-    return [bound, *(x for error in errors for x in (error, error / bound))]
+        models = {'fit': gc.fit(recording), 'described': gc.fit(recording, urdf=path)}
+    result = {'floor %': bound}
+    for title, model in models.items():
+        error = rms(model.predict(q), truth, largest)
+        result |= {f'{title} %': error, f'{title} x floor': error / bound}
+    return result
 
 
 def floor(arm: Arm, motion: Motion, tau: FloatArray, noise: FloatArray,
@@ -69,5 +73,4 @@ def floor(arm: Arm, motion: Motion, tau: FloatArray, noise: FloatArray,
 
 
 if __name__ == '__main__':
-    sys.exit(judged('Gravity from slow motion with inertia.', (
-        'floor %', 'fit %', 'x floor', 'described %', 'x floor'), errors_of))
+    sys.exit(run(__doc__, arms_and_seeds, each, errors_of, figures, extremes))

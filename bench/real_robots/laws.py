@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from bench.cases.cases import Pair
+from bench.shared.findings import Known, Pair
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction, LuGre
 from gravity_comp_ros.simulation.disturbances.joint_torque import AngleTorque, Cogging, DressPack
@@ -50,17 +50,6 @@ class ClockSpring(AngleTorque):
     def slope(self, q: FloatArray) -> FloatArray:
         """Return the stiffness (K,) in N·m/rad at angles q (K,)."""
         return np.asarray(self.stiffness * np.cosh((q - self.rest) / self.hardening))
-
-
-@dataclass(frozen=True)
-class Known:
-    """A coefficient of an effect on a joint, between `low` and `high`, in `unit`."""
-
-    effect: str
-    joint: int
-    unit: str
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)

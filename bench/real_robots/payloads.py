@@ -24,7 +24,8 @@ import tempfile
 
 from bench.real_robots.arms import arm_of, urdf, with_other_masses
 from bench.real_robots.cases import generator, Run, Setting, trained
-from bench.real_robots.errors import judged, rms
+from bench.real_robots.run import arms_and_seeds, each, rms
+from bench.shared.runner import extremes, figures, Result, run
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque, Payload, with_payload
@@ -80,22 +81,21 @@ class Case:
         return rms(model.predict(self.poses)[:, joints], self.truth, self.largest)
 
 
-def errors_of(name: str, seed: int) -> list[float]:
-    """Return the mass in kg and the errors of a case, in the order of the table."""
+def errors_of(name: str, seed: int) -> Result:
+    """Return the mass in kg and the errors of a case in percent."""
     case = Case.drawn(name, seed)
-    out, train = [case.payload.mass], case.recording(case.train)
+    out, train = {'kg': case.payload.mass}, case.recording(case.train)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'arm.urdf'
         path.write_text(with_other_masses(urdf(name), seed), encoding='utf-8')
-        for axes in (None, path):
+        for prefix, axes in (('', None), ('described ', path)):
             model = gc.fit(train, urdf=axes)
-            out.append(case.error(model))
-            out += [case.error(gc.update(model, case.recording([case.loaded], seconds),
-                                         urdf=axes)) for seconds in SECONDS]
+            out[f'{prefix}not updated %'] = case.error(model)
+            for seconds in SECONDS:
+                later = case.recording([case.loaded], seconds)
+                out[f'{prefix}{seconds:g} s %'] = case.error(gc.update(model, later, urdf=axes))
     return out
 
 
 if __name__ == '__main__':
-    _COLUMNS = ('not updated %', *(f'{seconds:g} s %' for seconds in SECONDS))
-    sys.exit(judged('Gravity after a payload change.', (
-        'kg', *_COLUMNS, *(f'described {column}' for column in _COLUMNS)), errors_of))
+    sys.exit(run(__doc__, arms_and_seeds, each, errors_of, figures, extremes))

@@ -7,9 +7,7 @@ Run from the root of the repository:
     python -m bench.real_robots.run results/ --seeds 300-304 --described --oracle
     python -m bench.real_robots.run results/ --seeds 400 --arms panda,ur5
 
-A case is an arm of `arms.SOURCES` and a seed (`cases`). The folder stores the result of every case
-and the table. A stopped run resumes; results of older code are computed again unless --keep is
-given.
+A case is an arm of `arms.SOURCES` and a seed (`cases`).
 
 Seeds 357 to 399 are for judging: no tuning on them, and no look at their single cases before the
 code is final. Seeds 328 to 356 were judged, those from 300 to 327 looked at: they and those from
@@ -36,8 +34,7 @@ the laws of the library, so this count is lenient.
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 import sys
 from typing import Any
 
@@ -45,74 +42,43 @@ from bench.real_robots.arms import descriptions, PACKAGE, SOURCES
 from bench.real_robots.cases import case
 from bench.real_robots.product import loop, oracle
 from bench.real_robots.score import error_ratios, score, table
-from bench.shared.stored import fingerprint, load, run
+from bench.shared.runner import names, Result, run, seeds
 import gravity_comp_ros as gc
-from gravity_comp_ros.atomic import write_atomically
-
-Task = tuple[str, int, bool, bool, Path]
-"""Arm, seed, whether with description and oracle, folder."""
+from gravity_comp_ros.data.samples import FloatArray
+import numpy as np
 
 
-def main() -> int:
-    """Judge the cases without a result, and print the table of all requested ones."""
-    args = parser().parse_args()
-    folder, code = Path(args.folder), fingerprint(Path(__file__).parent)
-    folder.mkdir(parents=True, exist_ok=True)
-    tasks: list[Task] = [(arm, seed, args.described, args.oracle, folder)
-                         for seed in args.seeds for arm in args.arms]
-    missing = []
-    for task in tasks:
-        stored = load(result_file(task), None if args.keep else code)
-        if not stored or args.oracle and 'no_oracle' not in stored:
-            missing.append(task)
-    print(f'{len(tasks)} cases, {len(tasks) - len(missing)} done before', flush=True)
-    run(judged, missing, result_file, code, args.jobs,
-        lambda result: f'{result["case"]} {"; ".join(result["why"]) or "right"}')
-    text = table([load(result_file(task)) for task in tasks])
-    name = f'table{"-described" if args.described else ""}.md'
-    write_atomically(folder / name, text.encode(), gc.GravityCompError)
-    print(text)
-    return 0
+def options(parser: ArgumentParser) -> None:
+    arms_and_seeds(parser)
+    parser.add_argument('--described', action='store_true', help='fit with the description')
+    parser.add_argument('--oracle', action='store_true', help='also fit the true effects')
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the command line."""
-    out = argparse.ArgumentParser(description='Loops on descriptions of real robots.')
-    out.add_argument('folder', help='folder of results')
-    out.add_argument('--seeds', type=seeds, default='400', help='e.g. 400 or 300-304,401')
-    out.add_argument('--arms', type=arm_names, default=','.join(SOURCES),
-                     help=f'(default: {",".join(SOURCES)})')
-    out.add_argument('--described', action='store_true', help='fit with the description')
-    out.add_argument('--oracle', action='store_true', help='also fit the true effects')
-    out.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
-    out.add_argument('--keep', action='store_true', help='keep results of older code')
-    return out
+def arms_and_seeds(parser: ArgumentParser) -> None:
+    """Add the options of each bench on descriptions of real robots."""
+    parser.add_argument('--seeds', type=seeds, default='400', help='e.g. 400 or 300-304,401')
+    parser.add_argument('--arms', type=arm_names, default=','.join(SOURCES),
+                        help='(default: %(default)s)')
 
 
 def arm_names(text: str) -> list[str]:
     """Return the arms of a list such as panda,ur5."""
-    names = text.split(',')
     if descriptions() is None:
-        raise argparse.ArgumentTypeError(f'descriptions are missing: pip install {PACKAGE}')
-    unknown = sorted(set(names) - set(SOURCES))
-    if unknown:
-        raise argparse.ArgumentTypeError(f'no arm {", ".join(unknown)}; there are '
-                                         f'{", ".join(SOURCES)}')
-    return names
+        raise ArgumentTypeError(f'descriptions are missing: pip install {PACKAGE}')
+    if unknown := sorted(set(names(text)) - set(SOURCES)):
+        raise ArgumentTypeError(f'no arm {", ".join(unknown)}; there are {", ".join(SOURCES)}')
+    return names(text)
 
 
-def seeds(text: str) -> list[int]:
-    """Return the seeds of a list such as 400 or 300-304,401."""
-    out: list[int] = []
-    for part in text.split(','):
-        first, _, last = part.partition('-')
-        out += range(int(first), int(last or first) + 1)
-    return out
+def each(args: Namespace, *more: Any) -> dict[str, tuple[Any, ...]]:
+    """Return the arguments of each arm and seed, with further ones, by the name of the case."""
+    suffix = ''.join(f'.{value:d}' for value in more)
+    return {f'{arm}.{seed}{suffix}': (arm, seed, *more)
+            for seed in args.seeds for arm in args.arms}
 
 
-def judged(task: Task) -> tuple[Task, dict[str, Any]]:
+def judged(arm: str, seed: int, described: bool, with_oracle: bool) -> Result:
     """Return the result of a case."""
-    arm, seed, described, with_oracle, _ = task
     one = case(arm, seed)
     about = {'case': one.name, 'described': described, 'lugre': bool(one.friction),
              'hidden': [f'{h.effect}:{h.joint + 1}' for h in one.hidden],
@@ -121,26 +87,26 @@ def judged(task: Task) -> tuple[Task, dict[str, Any]]:
         outcome = loop(one, described)
     except gc.GravityCompError as problem:
         reason = (f'failed: {problem}',)
-        return task, {**about, 'why': reason, 'why_oracle': reason, 'no_oracle': 'failed'}
-    best, tried = None, {}
+        return {**about, 'why': reason, 'why_oracle': reason}
+    best, no_oracle = None, ''
     if with_oracle:
         try:
-            best, tried = oracle(one), {'no_oracle': ''}
+            best = oracle(one)
         except gc.GravityCompError as problem:
-            tried = {'no_oracle': str(problem)}
+            no_oracle = str(problem)
     result = score(one, outcome.findings, outcome.torque, outcome.static, best)
-    return task, {**about, **result.to_json(), 'added': outcome.added,
-                  'before': float(error_ratios(one, outcome.before).max()),
-                  'seconds': outcome.seconds, 'refused': outcome.refused,
-                  'findings': outcome.findings, **tried}
+    return {**about, **result.to_json(), 'added': outcome.added,
+            'before': float(error_ratios(one, outcome.before).max()),
+            'seconds': outcome.seconds, 'refused': outcome.refused,
+            'findings': outcome.findings, 'no_oracle': no_oracle}
 
 
-def result_file(task: Task) -> Path:
-    """Return the file of a result."""
-    arm, seed, described, _, folder = task
-    of = '.described' if described else ''
-    return folder / f'{arm}.{seed}{of}.json'
+def rms(torque: FloatArray, truth: FloatArray, largest: float) -> float:
+    """Return the rms error of torques (K, N), worst joint, in percent of the largest torque."""
+    error = torque - truth
+    return 100.0 * float(np.sqrt((error ** 2).mean(axis=0)).max() / largest)
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run(__doc__, options, lambda args: each(args, args.described, args.oracle), judged,
+                 lambda result: '; '.join(result['why']) or 'right', table))

@@ -11,14 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from bench.campaign.score import ALWAYS_THERE, Finding
 from bench.real_robots.cases import Case
 from bench.real_robots.laws import FRICTION
-from bench.shared import stored
+from bench.shared.findings import Coverage, coverage, false_findings, Finding
+from bench.shared.runner import Result, table_of
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
-
-_NAMING = ('established', 'likely', 'ambiguous')
 
 
 @dataclass(frozen=True)
@@ -38,16 +36,6 @@ class Bounds:
 
 
 STRICT, LUGRE = Bounds(), Bounds(of_oracle=1.25)
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """A published 95 % interval, the true coefficient, and whether they overlap."""
-
-    what: str
-    ci95: tuple[float, float]
-    true: tuple[float, float]
-    covers: bool
 
 
 @dataclass(frozen=True)
@@ -88,19 +76,14 @@ def score(one: Case, findings: Sequence[Mapping[str, Any]], torque: FloatArray,
     :param oracle: torque (M, N) of a fit that was given the true effects.
     """
     parsed = [Finding.of(entry, one.joints) for entry in findings]
-    naming = [f for f in parsed if f.effect is not None and f.verdict in _NAMING]
     missed, tied = [], []
     for truth in one.hidden:
-        answers = [f for f in naming if set(_pairs(f)) & set(truth.answers)]
-        name = f'{truth.effect}:{truth.joint + 1}'
-        if not answers:
-            missed.append(name)
-        elif not any((f.effect, f.joint) in truth.answers and f.accepted for f in answers):
-            tied.append(name)
+        answers = [f for f in parsed if f.names(truth.answers)]
+        if not any(f.accepted for f in answers):
+            (tied if answers else missed).append(f'{truth.effect}:{truth.joint + 1}')
     present = {pair for truth in one.hidden for pair in (*truth.answers, *truth.allowed)}
     present |= {(name, f.joint) for f in one.friction for name in FRICTION}
-    false = [str(f) for f in parsed if f.accepted and f.effect not in ALWAYS_THERE
-             and not present & set(_pairs(f))]
+    false = false_findings(parsed, present)
     errors = error_ratios(one, torque)
     of_oracle = None if oracle is None else error_ratios(one, oracle)
     reference = np.zeros_like(errors) if of_oracle is None else one.has_lugre * of_oracle
@@ -110,10 +93,10 @@ def score(one: Case, findings: Sequence[Mapping[str, Any]], torque: FloatArray,
     names = (*(f'missed {name}' for name in missed), *(f'false {name}' for name in false))
     why = [(*names, *_beyond(bounds, errors, reference, float(rms.max())))
            for bounds in (STRICT, LUGRE)]
-    return Score(tuple(missed), tuple(false), tuple(tied), float(errors.max()),
+    return Score(tuple(missed), false, tuple(tied), float(errors.max()),
                  tuple(map(float, errors)), float(rms.max()),
                  None if of_oracle is None else tuple(map(float, of_oracle)),
-                 tuple(_intervals(one, [f for f in parsed if f.accepted])), *why)
+                 coverage(parsed, one.known), *why)
 
 
 def error_ratios(one: Case, torque: FloatArray) -> FloatArray:
@@ -129,34 +112,12 @@ def _beyond(bounds: Bounds, errors: FloatArray, oracle: FloatArray, static: floa
     return out if static <= bounds.static else [*out, f'static {100 * static:.2f} %']
 
 
-def _pairs(finding: Finding) -> list[tuple[str | None, int | None]]:
-    return [(finding.effect, finding.joint), *finding.rivals]
-
-
-def _intervals(one: Case, accepted: Sequence[Finding]) -> list[Coverage]:
-    """Return the published intervals of coefficients whose truth is known."""
-    out = []
-    for known in one.known:
-        for finding in accepted:
-            if (finding.effect, finding.joint) != (known.effect, known.joint):
-                continue
-            # The first coefficient in this unit; a spring may have a constant as well.
-            low, high = next(((low, high) for _, unit, low, high in finding.coefficients
-                              if unit == known.unit), (np.nan, np.nan))
-            if np.isfinite(low) and np.isfinite(high):
-                out.append(Coverage(f'{known.effect}:{known.joint + 1}', (low, high),
-                                    (known.low, known.high),
-                                    low <= known.high and high >= known.low))
-    return out
-
-
-Result = Mapping[str, Any]
 _HEAD = ('case', 'friction', 'hidden', 'error', 'before', 'oracle', 'static %', 's', 'result')
 
 
 def table(results: Sequence[Result]) -> str:
     """Return the cases as Markdown, and the totals, one sentence a line."""
-    return '\n'.join([stored.table(_HEAD, map(_row, results)), '', *_totals(results), ''])
+    return '\n'.join([table_of(_HEAD, map(_row, results)), '', *_totals(results)])
 
 
 def _totals(results: Sequence[Result]) -> list[str]:

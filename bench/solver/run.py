@@ -15,7 +15,7 @@ from statistics import median
 import time
 from typing import NamedTuple
 
-from bench.shared.stored import row_of, table
+from bench.shared.runner import row_of, table_of
 from bench.solver.solvers import (
     eq17, factors, long_arm, OTHERS, OURS, Problem, random_poses, relative_gap, Solver)
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
@@ -62,7 +62,7 @@ def compare(problem: Problem) -> str:
         for solver, tolerance in used:
             runs[solver.name].append(timed(solver, problem, a, tolerance))
     times = {name: median(run.seconds for run in own) for name, own in runs.items()}
-    return table(('solver', 'time', 'relative to ours', 'iterations', 'gap'), (
+    return table_of(('solver', 'time', 'relative to ours', 'iterations', 'gap'), (
         (name, f'{1e3 * times[name]:.0f} ms', f'{times[name] / times[OURS.name]:.1f} ×',
          own[-1].iterations, f'{own[-1].gap:.0e}') for name, own in runs.items()))
 

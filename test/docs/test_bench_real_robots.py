@@ -4,9 +4,10 @@ from dataclasses import replace
 
 from bench.real_robots import arms
 from bench.real_robots.cases import case, Case, regressor
-from bench.real_robots.laws import Hidden, Known
+from bench.real_robots.laws import Hidden
 from bench.real_robots.score import error_ratios, score, table
 from bench.shared.campaign import campaign
+from bench.shared.findings import Known
 from gravity_comp_ros.simulation.arms import gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
 from gravity_comp_ros.simulation.disturbances.signals import GaugeOffset

@@ -1,8 +1,7 @@
 """Scores of the campaign for given findings, and its totals."""
 
-from bench.campaign import table
 from bench.campaign.judging import coulomb, offset
-from bench.campaign.score import score
+from bench.campaign.score import score, table
 from bench.cases.cases import ARMS, Case, Truth
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 import pytest
@@ -39,8 +38,10 @@ COULOMB = finding('coulomb_friction', F_c=(2.01, 'N·m', 1.97, 2.05))
 
 def test_the_true_effect_on_its_joint_is_right():
     judged = judge('coulomb', COULOMB)
-    assert judged.right and judged.named == (True,) and judged.false == ()
-    assert [(i.truth, i.covers) for i in judged.intervals] == [(2.0, True)]
+    assert judged['right'] and judged['named'] == [True] and judged['wrong'] == []
+    assert judged['covers'] == [True]
+    off = finding('coulomb_friction', F_c=(2.05, 'N·m', 2.01, 2.09))
+    assert judge('coulomb', off)['covers'] == [False]
 
 
 def tied(*alternatives, verdict='ambiguous'):
@@ -74,14 +75,14 @@ OFFSET = finding('torque_offset', verdict='untestable')
     ('one_way', [{**OFFSET, 'rivals': ['coulomb_friction']}, finding('joint_spring')], False),
     ('one_way', [finding('torque_offset')], False)])
 def test_an_answer_is_right_or_wrong(name, findings, right):
-    assert judge(name, *findings).right == right
+    assert judge(name, *findings)['right'] == right
 
 
 def done(name, seed, *findings, floor=0.1):
-    result = {'diagnosis': diagnosis(*findings), 'seconds': 2.0, 'joints': list(JOINTS)}
-    if not CASES[name].untestable:
-        result['floor'] = dict.fromkeys(JOINTS, floor)
-    return table.Task(CASES[name], seed, 50.0), result
+    result = {'arm': 'iiwa7', 'kind': name, 'seed': seed, 'seconds': 2.0,
+              'diagnosis': diagnosis(*findings), **judge(name, *findings)}
+    return result if CASES[name].untestable else {
+        **result, 'floor': dict.fromkeys(JOINTS, floor)}
 
 
 def test_totals_by_hand():
@@ -91,4 +92,4 @@ def test_totals_by_hand():
     # Errors are 0.11 N·m relative to floors of 0.1, 0.1 and 0.05 N·m.
     assert ('| all | 2 of 3 | 1 of 1 | 1 of 4 | 2 of 2 | 2 of 3, 2.20 | 2, 2 | '
             'seed 1: missed coulomb_friction; seed 1: joint_spring:2 (established) |') in (
-        table.markdown(rows))
+        table(rows))
