@@ -63,30 +63,6 @@ def worst(model, arm: Arm, q: np.ndarray) -> float:
     return float(np.sqrt(((model.predict(q) - gravity_torque(arm, q)) ** 2).mean(axis=0)).max())
 
 
-def parallel_axis_arm() -> Arm:
-    """
-    Return a six-axis arm with parallel axes 2, 3 and 4.
-
-    Twists, lengths, masses and centres are those of a UR10, rounded to 1 cm (public D-H table).
-    """
-    twist = np.pi * np.array([0.0, 0.5, 0.0, 0.0, 0.5, -0.5])
-    along = (0.0, 0.0, -0.61, -0.57, 0.0, 0.0)
-    up = (0.13, 0.0, 0.0, 0.16, 0.12, 0.09)
-    masses = (7.1, 12.7, 4.3, 2.0, 2.0, 0.4)
-    centres = ((0.02, 0.0, 0.03), (-0.23, 0.0, 0.16), (-0.2, 0.0, 0.07), (0.0, 0.01, 0.01),
-               (0.0, -0.01, 0.01), (0.0, 0.0, -0.03))
-    model, parent = pin.Model(), 0
-    names = tuple(f'axis{n}' for n in range(6))
-    for n, name in enumerate(names):
-        rotation = pin.rpy.rpyToMatrix(twist[n], 0.0, 0.0)
-        origin = np.array([along[n], 0.0, 0.0]) + rotation @ np.array([0.0, 0.0, up[n]])
-        parent = model.addJoint(parent, pin.JointModelRZ(), pin.SE3(rotation, origin), name)
-        model.appendBodyToJoint(parent, pin.Inertia(masses[n], np.array(centres[n]),
-                                                    0.01 * np.eye(3)), pin.SE3.Identity())
-    limit = np.full(6, 2.6)
-    return Arm('six', names, model, -limit, limit, limit)
-
-
 def geometry_of(arm: Arm) -> Geometry:
     """Return the axes of a simulated arm, in frames with z along the axis."""
     rotations, origins, to_frame = [], [], np.eye(3)

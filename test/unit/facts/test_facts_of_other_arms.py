@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from bench.cases.arms import six_axis
 from bench.real_robots.laws import gear_friction, Site
 from bench.shared.campaign import campaign
-from bench.shared.serial_arms import parallel_axis_arm
 from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import Action, Kind
@@ -19,7 +19,7 @@ from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, Syn
 import numpy as np
 import pytest
 
-ARM = parallel_axis_arm()
+ARM = six_axis()
 NAMES = ('swing', 'luff', 'bend', 'pitch', 'yaw', 'spin')
 RATE = 40.0
 T = np.arange(3600) / RATE

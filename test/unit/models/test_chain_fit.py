@@ -1,8 +1,8 @@
 """Fits of the chain: accuracy outside the motion, kinds of arms, local minima, alternatives."""
 
-from bench.cases.arms import generated_arm, small_motion
+from bench.cases.arms import generated_arm, six_axis, small_motion
 from bench.shared.campaign import campaign
-from bench.shared.serial_arms import parallel_axis_arm, poses, samples_of, worst
+from bench.shared.serial_arms import poses, samples_of, worst
 from gravity_comp_ros.estimation.estimate import estimate, estimate_again, FitOptions
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, Nuisance, search
@@ -89,7 +89,7 @@ def test_parallel_axes(level):
     (0.4, -0.3), *campaign(((np.pi / 2, 0.0),), ((0.0, 0.0),), ((np.pi, 0.0),))])
 def test_six_axes_three_of_them_parallel(tilt):
     # Tilted, on a wall, upright, on a ceiling.
-    arm = arms.with_base_tilt(parallel_axis_arm(), *tilt)
+    arm = arms.with_base_tilt(six_axis(), *tilt)
     q = small_motion(arm, 2).q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
     model = fit(samples, CHAIN).model

@@ -3,8 +3,8 @@
 from dataclasses import replace
 import json
 
+from bench.cases.arms import six_axis
 from bench.shared.planning_arm import model, NAMES, one_way
-from bench.shared.serial_arms import parallel_axis_arm
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import FitError, GravityCompError, OptionError
@@ -20,7 +20,7 @@ from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pytest
 
-ARM = parallel_axis_arm()
+ARM = six_axis()
 RATE = 10.0
 CENTRE = np.array([0.2, -0.9, 0.8, -0.5, 0.7, 0.1])
 PERIODS = np.array([61.0, 43.0, 29.0, 37.0, 53.0, 47.0])

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+from bench.cases.arms import six_axis
 from bench.real_robots.arms import arm_of, descriptions, SOURCES, urdf, with_other_masses
 from bench.shared.campaign import campaign
 from bench.shared.rough_links import two_links
-from bench.shared.serial_arms import geometry_of, parallel_axis_arm, serial_arm
+from bench.shared.serial_arms import geometry_of, serial_arm
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
@@ -36,7 +37,7 @@ import pinocchio as pin
 import pytest
 
 ARMS = {'3 axes': lambda: standard(serial_arm(3, 1)),
-        '6 axes': lambda: standard(parallel_axis_arm()),
+        '6 axes': lambda: standard(six_axis()),
         '7 axes': lambda: standard(serial_arm(7, 4))}
 each_arm = pytest.mark.parametrize('arm', ARMS.values(), ids=list(ARMS))
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
