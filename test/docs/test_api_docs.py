@@ -1,6 +1,5 @@
 """API documentation: the generated pages, the example of the package, the notebook."""
 
-import importlib.util
 import inspect
 from pathlib import Path
 import runpy
@@ -17,11 +16,9 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.fixture(scope='module')
 def pages(tmp_path_factory):
     pytest.importorskip('pdoc')
-    spec = importlib.util.spec_from_file_location('make_api', ROOT / 'docs' / 'make_api.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    from docs import make_api
     folder = tmp_path_factory.mktemp('api')
-    module.make(folder)
+    make_api.make(folder)
     return ''.join(path.read_text() for path in folder.rglob('*.html'))
 
 

@@ -1,9 +1,9 @@
 """docs/first_hour.md and docs/tables.md show the output of their commands."""
 
-import importlib.util
 from pathlib import Path
 import re
 
+from docs import make_first_hour
 from gravity_comp_ros.models.model_file import load_model
 import pytest
 
@@ -16,22 +16,19 @@ RELATIVE, ABSOLUTE = 0.05, 0.02
 LENGTHS = re.compile(r'l_\w+ = .*? more')
 
 
-@pytest.fixture(scope='module')
-def script():
-    """Return the module that makes the page."""
-    spec = importlib.util.spec_from_file_location('first_hour', DOCS / 'make_first_hour.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+@pytest.fixture(scope='module', autouse=True)
+def narrow():
+    """Remove the terminal width also for the fixtures of this module."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('COLUMNS', '')
-        yield module
+        yield
 
 
 @pytest.fixture(scope='module')
-def run(script, tmp_path_factory):
+def run(tmp_path_factory):
     """Run every command; return the page that results, and the folder."""
     folder = tmp_path_factory.mktemp('hour')
-    return script.page(PAGE, folder), folder
+    return make_first_hour.page(PAGE, folder), folder
 
 
 def words(page):
@@ -51,9 +48,9 @@ def test_the_page_shows_the_output_of_the_commands(run):
     assert_printed(PAGE, run[0])
 
 
-def test_the_page_on_tables_shows_the_output_of_the_commands(script, tmp_path):
+def test_the_page_on_tables_shows_the_output_of_the_commands(tmp_path):
     pytest.importorskip('pyarrow')
-    assert_printed(TABLES, script.tables_page(TABLES, tmp_path))
+    assert_printed(TABLES, make_first_hour.tables_page(TABLES, tmp_path))
     # The hidden friction is found: 0.3 N·m from per mille.
     assert re.search(r'shoulder_pan +coulomb_friction +established +F_c = 0.(30|299)', TABLES)
 

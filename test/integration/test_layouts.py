@@ -1,6 +1,6 @@
 """Layouts for PlotJuggler and Foxglove: plotted topics exist in the node and in `replay`."""
 
-import importlib.util
+from importlib import import_module
 import json
 from pathlib import Path
 import re
@@ -62,9 +62,7 @@ def test_plotted_topics_are_in_the_output_of_replay(iiwa_model_file, tmp_path):
 
 
 def test_layouts_are_up_to_date(tmp_path):
-    spec = importlib.util.spec_from_file_location('make_layouts', LAYOUTS / 'make_layouts.py')
-    make_layouts = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(make_layouts)
+    make_layouts = import_module('config.layouts.make_layouts')
     make_layouts.main(['--folder', str(tmp_path)])
     for name in ('plotjuggler.xml', 'foxglove.json'):
         assert (tmp_path / name).read_text() == (LAYOUTS / name).read_text()

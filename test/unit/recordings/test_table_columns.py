@@ -22,15 +22,15 @@ def write(path, rows, header=None):
     return path
 
 
-def check(path, velocity=True, names=NAMES, atol=1e-9, options=TableOptions()):
-    converted = read_table(path, options)
+def check(path, velocity=True):
+    converted = read_table(path, TableOptions())
     topic = converted.topic
-    assert topic.joints == names
+    assert topic.joints == NAMES
     np.testing.assert_allclose(topic.t, T, atol=1e-6)
-    np.testing.assert_allclose(topic.position, Q, atol=atol)
-    np.testing.assert_allclose(topic.effort, TAU, atol=max(atol, 1e-9))
+    np.testing.assert_allclose(topic.position, Q, atol=1e-9)
+    np.testing.assert_allclose(topic.effort, TAU, atol=1e-9)
     if velocity:
-        np.testing.assert_allclose(topic.velocity, QD, atol=max(atol, 1e-9))
+        np.testing.assert_allclose(topic.velocity, QD, atol=1e-9)
     else:
         assert topic.velocity is None
     return converted

@@ -175,15 +175,8 @@ def test_a_bumper_pushes_back_and_loses_energy():
     assert mirrored.torque(-q, -qd) == pytest.approx(-torque)
 
 
-def motion_and_gravity():
-    motion = multisine(ARM.lower, ARM.upper, ARM.max_speed, 1, MultisineOptions(max_speed=0.3),
-                       60.0, 100.0)
-    return motion, Signals(motion.q, motion.qd, gravity_torque(ARM, motion.q))
-
-
 def test_the_wind_up_of_an_elastic_gear_transmits_the_load():
-    motion, signals = motion_and_gravity()
-    out = ElasticGear(1, 5000.0).apply(signals, motion, ARM)
+    motion, signals, out = apply(ElasticGear(1, 5000.0))
     wound = out.q[:, 1] - motion.q[:, 1]
     assert 5000.0 * wound == pytest.approx(signals.tau[:, 1], rel=1e-6)
     assert np.array_equal(out.tau, signals.tau)
