@@ -47,11 +47,13 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         for name in VIEWS:
             look(tab, name)
         _compare_with_the_first_stage(tab, rmse_before)
-        # Removed views do not stay in memory.
-        used = heap(page)
-        for name in 4 * ('Errors', 'Over time', 'Data', 'Residual', 'Summary'):
-            look(tab, name)
-        assert heap(page) < used + 8.0
+        # Removed views do not stay in memory: the second round needs no more than the first.
+        used = []
+        for _ in range(2):
+            for name in ('Errors', 'Over time', 'Data', 'Residual', 'Summary'):
+                look(tab, name)
+            used.append(heap(page))
+        assert used[1] < used[0] + 2.0
         look(tab, 'Over time')
         tab.drag(view_of(page).locator('.bk-Figure').first, 0.2, 0.5)
         tab.views.wait_for_function(f'({SELECTED})() > 0')
