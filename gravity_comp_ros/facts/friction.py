@@ -111,13 +111,13 @@ def _exchanged(signals: Signals, by_joint: Mapping[str, Shares]) -> Fact | None:
 def _sign(by_joint: Mapping[str, Shares]) -> Fact | None:
     known = {name: each.direction for name, each in by_joint.items() if each.direction is not None}
     against = [name for name, share in known.items() if share < -FACTS.min_share]
-    # Several joints show another sign convention of the driver, a single one its wiring.
+    # Without a joint of the right sign several show another convention of the driver; else each
+    # is wired on its own.
     several = len(against) > 1 and max(known.values()) < FACTS.min_share
     if not several:
         against = [name for name, share in known.items() if share < -FACTS.min_single_share]
     if not against:
         return None
-    several = several or len(against) > 1
     inverted = tuple(by_joint if several else against)
     scales = ','.join(f'{name}=-1' for name in inverted)
     return Fact(
