@@ -5,7 +5,7 @@ A servo without an integral part stops where its torque k (goal - q) balances th
 
     goal - q = tau(q) / k + offset + friction / k + delay qd.
 
-tau is the static torque of the model. 1 / k is fitted by least squares with an offset of the
+tau is the static torque of the model, springs and offsets that it found included. 1 / k is fitted by least squares with an offset of the
 position, friction by direction, and a delay between goal and position, which includes viscous
 friction. tau and k have the unit of the effort of the recordings to which the model was fitted:
 the position offset tau / k is correct in any unit.
@@ -21,6 +21,7 @@ from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import directions
+from gravity_comp_ros.effects.predict import static_torque
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.facts.friction import without
 from gravity_comp_ros.facts.options import FactOptions
@@ -63,7 +64,7 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
         raise DataError(f'{known.sum()} slow samples have a goal of every joint; at least '
                         f'{FactOptions().min_slow_samples} are needed')
     samples, goal = samples.select(known), goal[known]
-    torque = model.predict(samples.q)
+    torque = static_torque(model, samples)
     of_error = per_error(samples.t, samples.runs, EngineOptions().block_seconds)
     stiffness, left_out, sag, rmse = {}, {}, {}, {}
     for j, joint in enumerate(model.joints):

@@ -166,6 +166,6 @@ def _drift_lines(name: str, selected: Sequence[str], since: Drift) -> list[termi
                           for x in (one.before, one.after))
              for one in since.coefficients
              if one.drifted and one.target.split(':', 1)[1] in selected]
-    return ['', terminal.table(f'change of the static torque since {name}, N·m',
+    return ['', terminal.table(f'change of the gravity torque since {name}, N·m',
                                ('joint', 'RMS', 'mean', 'std of both models', 'drifted'), rows),
             *(lines or ['no coefficient of an effect drifted'])]

@@ -65,6 +65,19 @@ def fitted_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
     return torque_of(model, model.fitted.effects, samples)
 
 
+def static_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
+    """
+    Return the torque (M, N) in N·m that holds the arm: gravity and all static effects found.
+
+    :raises ModelMismatchError: as `predict_torque`.
+    """
+    samples, known = samples.joints(model.joints), all_effects()
+    gravity = model.predict(samples.q)
+    return gravity + torque_of(
+        model, [each for each in (*model.applied.effects, *model.fitted.effects)
+                if each.name in known and known[each.name].is_static], samples, gravity)
+
+
 def torque_of(model: GravityModel, effects: Iterable[AppliedEffect], samples: JointSamples,
               gravity: FloatArray | None = None) -> FloatArray:
     """Return the torque (M, N) in N·m of some effects of a model, without gravity."""

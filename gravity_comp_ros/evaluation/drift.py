@@ -1,7 +1,7 @@
 """
 Drift between two models of one arm: changes since the earlier one was fitted.
 
-Compared are the static torque at the same poses, with the standard deviations of both models, and
+Compared are the gravity torque at the same poses, with the standard deviations of both models, and
 the coefficients of the effects of single joints. With other nonlinear parameters (the centre of a
 spring, the recordings of an offset) a coefficient has another meaning and is not compared; the law
 of the direction of motion leaves it as it is.
@@ -43,7 +43,7 @@ DRIFT = DriftOptions()
 @dataclass(frozen=True)
 class JointDrift:
     """
-    Change of the static torque of a joint: RMS over the poses, and its mean, in N·m.
+    Change of the gravity torque of a joint: RMS over the poses, and its mean, in N·m.
 
     `std` is its standard deviation in N·m, RMS over the poses, None for models without one.
     """

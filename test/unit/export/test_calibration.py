@@ -14,6 +14,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.errors import (
     BagError, DataError, GravityCompError, ModelMismatchError, OptionError)
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Quantity
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
@@ -175,6 +176,15 @@ def test_the_stiffness_is_found_in_spite_of_friction_delay_and_offset():
         assert measured.ci95[0] < true < measured.ci95[1]
     assert not result.left_out
     assert result.sag['shoulder'] > 10 * result.rmse['shoulder']
+
+
+def test_the_torque_includes_a_spring_that_the_model_found():
+    k = AppliedEffect('joint_spring', 'elbow', {'centre': 0.0, 'overtones': 0.0}, {
+        'k': Quantity(6.0, 'N·m/rad', (5.9, 6.1)), 'm': Quantity(0.0, 'N·m', (-0.1, 0.1))})
+    samples, goal = servos()
+    goal[:, 1] += 6.0 * samples.q[:, 1] / STIFFNESS[1]
+    result = servo_stiffness(replace(model(), fitted=Applied((k,))), samples, goal)
+    assert result.stiffness['elbow'].value == pytest.approx(STIFFNESS[1], rel=0.02)
 
 
 def test_a_joint_with_an_integral_part_or_a_wrong_sign_is_left_out():

@@ -316,7 +316,7 @@ def test_compare_shows_the_drift_in_the_terminal_and_as_json(folder, monkeypatch
     command = ['compare', 'b.mcap', '--model', 'c.json', '--previous', 'a.json']
     assert main(command) == 0
     out = capsys.readouterr().out
-    assert 'change of the static torque since a.json' in out
+    assert 'change of the gravity torque since a.json' in out
     assert 'viscous_friction:shoulder F_v: 5' in out and '→ 12' in out
     assert main([*command, '--json']) == 0
     previous = json.loads(capsys.readouterr().out)['previous']
