@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from bench.cases.cases import ARMS, Case, Truth
 from bench.cases.signals import (
-    Degradation, FilteredTorque, LostMessages, NoVelocity, SteppedTorque)
+    Degradation, filtered_torque, lost_messages, no_velocity, stepped_torque)
 from bench.shared.findings import Known, Pair
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque
@@ -32,8 +32,8 @@ KINDS = ('friction', 'one_beside', 'two_beside', 'three_beside', 'lost', 'filter
 _ADDITIONAL = {'one_beside': 1, 'two_beside': 2, 'three_beside': 3, 'lost': 1, 'filtered': 1,
                'stepped': 1, 'no_velocity': 1}
 _DEGRADED: dict[str, tuple[Degradation, ...]] = {
-    'lost': (LostMessages(),), 'filtered': (FilteredTorque(),), 'stepped': (SteppedTorque(),),
-    'no_velocity': (NoVelocity(),)}
+    'lost': (lost_messages,), 'filtered': (filtered_torque,), 'stepped': (stepped_torque,),
+    'no_velocity': (no_velocity,)}
 # Runs of a session, and the pause between them in s.
 _SESSION_RUNS, _SESSION_PAUSE = 6, 90.0
 

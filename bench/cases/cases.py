@@ -8,7 +8,7 @@ from functools import partial
 from zlib import crc32
 
 from bench.cases.arms import generated_arm, six_axis
-from bench.cases.signals import Degradation, measured, Pause, SensorOptions, with_pauses
+from bench.cases.signals import Degradation, measured, Pause, with_pauses
 from bench.shared.findings import Known, Pair
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.simulation.arms import Arm, iiwa7
@@ -87,7 +87,7 @@ def recordings(case: Case, seed: int = 0, rate: float = 50.0) -> JointSamples:
     """
     arm = ARMS[case.arm]()
     streams = np.random.SeedSequence([crc32(f'{case.arm} {case.name}'.encode()), seed])
-    sensors = SensorOptions(noise_levels(arm))
+    noise = noise_levels(arm)
     every = max(1, int(np.ceil(_SIMULATION_RATE / rate)))
     runs = []
     for number, stream in enumerate(streams.spawn(case.runs)):
@@ -98,7 +98,7 @@ def recordings(case: Case, seed: int = 0, rate: float = 50.0) -> JointSamples:
                                    disturbances=acting)
         run = synthesise(arm, motion, options, f'{case.name} {number + 1}')
         run = run.select(np.arange(0, len(run), every))
-        run = measured(run, sensors, np.random.default_rng(noise_seed))
+        run = measured(run, noise, np.random.default_rng(noise_seed))
         runs.append(_recorded(case, number, run,
                               np.random.default_rng([number, *noise_seed.generate_state(2)])))
     return concatenate(runs)
@@ -108,7 +108,7 @@ def _recorded(case: Case, number: int, run: JointSamples,
               rng: np.random.Generator) -> JointSamples:
     """Return a run after the losses, with its start on a clock if there are pauses."""
     for degradation in case.degraded:
-        run = degradation.apply(run, rng)
+        run = degradation(run, rng)
     if case.pause is None:
         return run
     return replace(run, starts=(number * (case.duration + case.pause),))

@@ -5,7 +5,6 @@ from importlib import import_module
 from pathlib import Path
 import re
 
-from bench.cases.signals import Pause, SensorOptions
 from gravity_comp_ros.calibration.known_weight import CalibrationOptions, Weight
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
@@ -58,8 +57,6 @@ def test_constants_are_positive(options, value):
         {'start': np.full(3, NAN)})),
     (NoiseOptions, {'relative': -1.0}, 'relative'), (NoiseOptions, {'absolute': NAN}, 'absolute'),
     (NoiseOptions, {'absolute': INF}, 'absolute'),
-    (Pause, {'start': 1.0, 'rest': -1.0}, 'pause'),
-    (SensorOptions, {'torque_noise': (0.1,), 'correlated': 1.5}, 'correlated'),
     *((Weight, {'link': 'a', 'mass': mass}, 'must be positive') for mass in (0.0, -1.0, INF, NAN)),
     (Weight, {'link': 'a', 'mass': 1.0, 'centre': (0.0, NAN, 0.0)}, 'not finite'),
     *((ReadOptions, wrong, message) for wrong, message in (
