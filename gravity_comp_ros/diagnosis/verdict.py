@@ -136,10 +136,10 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
     share = regression.unabsorbed[term.key]
     identified = shares >= regression.problem.options.min_identified
-    covers_zero = identified.any() and (np.abs(values) < HALF_95 * std)[identified].all()
+    covers_zero = HALF_95 * regression.size_stds[term.key] > 1.0
     is_better = after < (1.0 - evidence.options.min_reduction) * before
     implausible = term.effect.implausible(values, term.setting)
-    verdict, why = _verdict(evidence, term, implausible, bool(covers_zero), is_better, others)
+    verdict, why = _verdict(evidence, term, implausible, covers_zero, is_better, others)
     sizes = {symbol: size for (symbol, size), given
              in zip(values_of(listed, values, std).items(), identified) if given}
     step = '' if verdict in FOUND else term.effect.experiment.format(joint=joint or 'the arm')
@@ -186,7 +186,7 @@ def _verdict(evidence: Evidence, term: Term, implausible: str | None, covers_zer
     if not is_better:
         return Verdict.WEAK, 'it hardly reduces the held-out error of the joint'
     if covers_zero:
-        return Verdict.WEAK, 'the interval of every coefficient covers 0'
+        return Verdict.WEAK, 'the interval of its size covers 0'
     if gain < engine.min_gain:
         # The noise of the selection has no autocorrelation; that of the result has.
         return Verdict.WEAK, _little_evidence(gain, engine.min_gain)

@@ -34,7 +34,8 @@ class Regression:
 
     `alternatives` are, by the key of a term, the terms that explain the data as well. `gains` are
     the gains of the terms in nats, `stds` the standard deviations of their coefficients with the
-    error of their law, `identified` the share of each coefficient's torque (RMS) that all other
+    error of their law, `size_stds` that of a common factor of all coefficients of a term, whose
+    estimate is 1. `identified` is the share of each coefficient's torque (RMS) that all other
     columns leave, `unabsorbed` that of a term's whole torque that other terms leave. `motion` is
     that of the samples at the estimated gravity. `covariance` (P, P) is that of the shared part,
     over the alternatives too.
@@ -49,6 +50,7 @@ class Regression:
     alternatives: Mapping[Key, tuple[Key, ...]]
     gains: Mapping[Key, float]
     stds: Mapping[Key, FloatArray]
+    size_stds: Mapping[Key, float]
     identified: Mapping[Key, FloatArray]
     unabsorbed: Mapping[Key, float]
     covariance: FloatArray
@@ -148,21 +150,27 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     gains = {term.key: gain(published.without((term,)), scores[term.key])
              for term in published.terms}
     omitted = covariance_of_omitted(search)
-    variances = {term.key: np.diag(omitted)[at] for term, at in search.posterior.at.items()}
-    stds = {term.key: np.sqrt(
-        published.std(term) ** 2 + variances[term.key]
-        + (options.law_error * scores[term.key].leverage(
-            published.beta[published.at[term]])) ** 2) for term in published.terms}
+    by_omitted = {term.key: omitted[np.ix_(at, at)] for term, at in search.posterior.at.items()}
+    stds, size_stds, unabsorbed = {}, {}, {}
+    for term in published.terms:
+        at, score = published.at[term], scores[term.key]
+        beta, of_term = published.beta[at], (
+            published.covariance[np.ix_(at, at)] + by_omitted[term.key])
+        unabsorbed[term.key] = score.share_left(beta)
+        stds[term.key] = np.sqrt(
+            np.diag(of_term) + (options.law_error * score.leverage(beta)) ** 2)
+        size_stds[term.key] = float(np.hypot(
+            max(float(beta @ np.linalg.solve(of_term, beta)), 1e-300) ** -0.5,
+            options.law_error / max(unabsorbed[term.key], 1e-300)))
     covariance = _covariance(search, published, [a for each in ambiguous.values() for a in each])
     covariance += omitted[:len(covariance), :len(covariance)]
     published = replace(published, beta=fit.at_point().beta)
     return Regression(problem, fit.shared, published, fit.posterior.precision, search.candidates,
                       fit.factory.motion,
                       {key: tuple(dict.fromkeys(other.term.key for other in others))
-                       for key, others in ambiguous.items()}, gains, stds,
-                      {key: s.identified for key, s in scores.items()},
-                      {term.key: scores[term.key].share_left(published.beta[published.at[term]])
-                       for term in published.terms}, covariance, steps, converged)
+                       for key, others in ambiguous.items()}, gains, stds, size_stds,
+                      {key: s.identified for key, s in scores.items()}, unabsorbed, covariance,
+                      steps, converged)
 
 
 def _published(fit: Linear) -> Posterior:

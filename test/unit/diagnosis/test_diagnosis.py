@@ -150,6 +150,32 @@ def test_a_torque_is_established_although_no_coefficient_is_identified(offset_es
     assert not finding.to_add
 
 
+@pytest.mark.parametrize('size_std, verdict', [(0.4, Verdict.ESTABLISHED), (0.6, Verdict.WEAK)])
+def test_the_common_factor_of_the_coefficients_decides_whether_an_effect_may_be_zero(
+        offset_estimate, size_std, verdict):
+    """Intervals of collinear coefficients all cover 0 although their sum is certain."""
+    regression = offset_estimate.regression
+    for term in regression.terms:
+        if term.n_columns == 1:
+            (size,) = regression.posterior.beta[regression.posterior.at[term]]
+            assert regression.size_stds[term.key] == pytest.approx(
+                regression.stds[term.key][0] / abs(size), rel=1e-2)
+    wide = replace(offset_estimate, regression=replace(
+        regression, stds={key: 1e3 * each for key, each in regression.stds.items()},
+        size_stds=dict.fromkeys(regression.size_stds, size_std)))
+    finding, = (f for f in conclude(wide, None).findings if f.effect == 'torque_offset')
+    assert finding.verdict == verdict
+
+
+def test_a_crank_spring_over_a_short_range_is_added():
+    """Over 0.5 rad its harmonics are collinear: no coefficient differs from 0, the torque does."""
+    samples = links(0.25, lambda q, qd: np.sin(2.0 * q) + 0.3 * np.cos(2.0 * q)
+                    + 0.3 * np.sin(3.0 * q) + 0.1 * np.cos(3.0 * q), 0)
+    finding, *_ = diagnose(samples).findings
+    assert (finding.effect, finding.verdict) == ('joint_spring', Verdict.ESTABLISHED)
+    assert finding.nrmse_after < 0.2 * finding.nrmse_before
+
+
 @pytest.fixture(scope='module')
 def offset_estimate():
     return estimate(links(1.2, lambda q, qd: np.full(len(q), 0.5), 0))
