@@ -77,15 +77,16 @@ class Arm:
     The state that exists once the joint names are known.
 
     :param model: the model of the present payload, from a file; None to learn one.
+    :param is_allowed: whether torque is allowed; None for the parameter `enabled`.
     """
 
     def __init__(self, joints: tuple[str, ...], settings: Parameters,
-                 model: GravityModel | None = None) -> None:
+                 model: GravityModel | None = None, is_allowed: bool | None = None) -> None:
         self.joints = joints
         self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints,
                                        settings.max_age)
         self.described = ArmDescription()
-        self.is_allowed = settings.enabled
+        self.is_allowed = settings.enabled if is_allowed is None else is_allowed
         self.gate_counts: Counter[str] = Counter()
         # The torque published last, and that before the newest messages; NaN for none.
         self._sent = self._sent_before = np.full(len(joints), np.nan)
@@ -116,11 +117,18 @@ class Arm:
         self._limit()
 
     def enable(self, enabled: bool) -> tuple[bool, str]:
-        """Allow or forbid torque, which ramps either way; return success and a sentence."""
-        self.is_allowed = enabled
-        self._limit()
+        """
+        Allow or forbid torque, which ramps either way; return success and a sentence.
+
+        A refusal changes nothing: limits that arrive later start no torque.
+        """
         if enabled and self.limit_source == 'none':
             return False, NO_LIMITS
+        self.is_allowed = enabled
+        self._limit()
+        if self.in_use is None:
+            return True, ('no model yet: torque ramps up from the first one on' if enabled else
+                          'no model yet: nothing is published, also not from the first one on')
         where = 'up' if enabled else 'down to zero'
         end = '' if enabled else ', then nothing is published'
         return True, f'torque ramps {where} over {self.settings.ramp_time} s{end}'

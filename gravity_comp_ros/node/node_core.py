@@ -75,9 +75,9 @@ class NodeCore:
     def _begin(self, joints: tuple[str, ...]) -> None:
         self.settings.check(joints)
         # Torque that a call has disabled stays disabled where the arm replaces a gripper.
-        is_allowed = self.settings.enabled if self.arm is None else self.arm.is_allowed
-        arm, entry = Arm(joints, self.settings, self.models.model), self.models.entry
-        arm.enable(is_allowed)
+        is_allowed = None if self.arm is None else self.arm.is_allowed
+        arm = Arm(joints, self.settings, self.models.model, is_allowed)
+        entry = self.models.entry
         arm.feed.last = np.array([self._sent.get(name, 0.0) for name in joints])
         self.learner = Learner(arm, self.models, self.fits, self.events)
         self.events.log.append((

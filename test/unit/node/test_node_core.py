@@ -166,6 +166,23 @@ def test_a_message_that_is_not_of_now_drives_no_torque(live, model_file, stamp, 
     assert send_message(node, recent, 13.0, 2008.0)[1] is not None
 
 
+def test_a_refused_enable_starts_no_torque_when_limits_arrive(live, model_file):
+    node = live(model_file=str(model_file), unlimited_torque=False, enabled=False)
+    send_message(node, slow_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)
+    assert not node.arm.enable(True)[0]
+    node.describe(URDF)
+    assert not node.arm.feed.enabled
+    assert node.arm.enable(True)[0] and node.arm.feed.enabled
+
+
+def test_enabled_without_a_model_no_ramp_is_announced(live):
+    node = live(joints=('a', 'b'))
+    send_message(node, slow_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)
+    for enabled in (True, False):
+        success, what = node.arm.enable(enabled)
+        assert success and what.startswith('no model yet')
+
+
 def test_the_limits_are_those_of_the_first_description(live, model_file):
     node = live(model_file=str(model_file), unlimited_torque=False, ramp_time=0.0,
                 max_torque_rate=())
