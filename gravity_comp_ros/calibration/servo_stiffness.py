@@ -5,10 +5,10 @@ A servo without an integral part stops where its torque k (goal - q) balances th
 
     goal - q = tau(q) / k + offset + friction / k + delay qd.
 
-tau is the static torque of the model, springs and offsets that it found included. 1 / k is fitted by least squares with an offset of the
-position, friction by direction, and a delay between goal and position, which includes viscous
-friction. tau and k have the unit of the effort of the recordings to which the model was fitted:
-the position offset tau / k is correct in any unit.
+tau is the static torque of the model, with the springs and offsets that it found. 1 / k is fitted
+by least squares with an offset of the position, friction by direction, and a delay between goal
+and position, which includes viscous friction. tau and k have the unit of the effort of the
+recordings to which the model was fitted: the position offset tau / k is correct in any unit.
 """
 
 from __future__ import annotations

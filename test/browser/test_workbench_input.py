@@ -5,7 +5,7 @@ import re
 import urllib.request
 
 from bench.shared.browser import EVIL_BAG, expect, INJECT, LIVELY
-from bench.shared.workbench_page import home, PATIENCE, served, view_of, VIEWS, workers
+from bench.shared.workbench_page import home, look, PATIENCE, served, VIEWS, workers
 from bench.shared.workbench_session import session_of, worked
 import pytest
 
@@ -38,9 +38,7 @@ def test_a_narrow_dark_page_fits_long_names_and_escapes_them(folder, watched):
         page.locator('.fall').wait_for()
         page.locator('#idle').wait_for()
         for name in VIEWS:
-            page.get_by_role('button', name=name, exact=True).click()
-            view_of(page).locator('html[data-ready=yes] h2').first.wait_for()
-            tab.wait_for_plots(VIEWS[name][1])
+            look(tab, name)
             width, out = page.evaluate(WIDE)
             assert width <= 400 and out == [], (name, width, out)
             assert all(wide < 400 for _, wide, _ in tab.plots()), name

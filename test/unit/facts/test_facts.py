@@ -237,7 +237,7 @@ def test_a_reversed_sign_is_refused(tmp_path, seed):
 
 def test_of_joints_with_the_right_friction_no_sign_is_reversed(tmp_path):
     tau = torque(Q, QD) * [1, 1, -1, -1]
-    with pytest.raises(BagError, match='opposite to friction.*--effort-scale upper=-1,roll=-1, '):
+    with pytest.raises(BagError, match='opposite to friction.*--effort-scale upper=-1,roll=-1 '):
         read(tmp_path, tau=tau)
     accepted = read(tmp_path, tau=tau, accept=('effort_sign',))
     only(accepted, Kind.EFFORT_SIGN, Action.NOTED, ('upper', 'roll'))
