@@ -90,8 +90,9 @@ def run(args: argparse.Namespace) -> terminal.Answer:
                            if effect.target in result['not_added'])
         warnings.append(f'found in the recordings, but not exported, since it is not added to the '
                         f'model: {listed}')
-        lines = [*lines, *next_step.lines('add it, with the recordings and reading options of the '
-                                          'fit, and export again', add)]
+        lines = [*lines, *next_step.lines(
+            'add what `gravity_comp diagnose` establishes of it, with the recordings and reading '
+            'options of the fit, and export again', add)]
     return terminal.Answer(document, lines, warnings)
 
 
