@@ -71,11 +71,16 @@ def static_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
 
     :raises ModelMismatchError: as `predict_torque`.
     """
-    samples, known = samples.joints(model.joints), all_effects()
+    samples = samples.joints(model.joints)
     gravity = model.predict(samples.q)
-    return gravity + torque_of(
-        model, [each for each in (*model.applied.effects, *model.fitted.effects)
-                if each.name in known and known[each.name].is_static], samples, gravity)
+    return gravity + torque_of(model, static_effects(
+        (*model.applied.effects, *model.fitted.effects)), samples, gravity)
+
+
+def static_effects(effects: Iterable[AppliedEffect]) -> list[AppliedEffect]:
+    """Return the installed effects that hold the arm at rest."""
+    known = all_effects()
+    return [each for each in effects if each.name in known and known[each.name].is_static]
 
 
 def torque_of(model: GravityModel, effects: Iterable[AppliedEffect], samples: JointSamples,

@@ -136,7 +136,7 @@ def estimate(samples: JointSamples, options: FitOptions = FitOptions(),
     work = _Work(problem, options, old if old and old.joints == samples.names else None, forced,
                  tested, progress or (lambda word, share: None))
     work.report('fit', 0.0)
-    result = work.requested() if options.formulation in FORMULATIONS else work.best()
+    result = work.result()
     work.report('fit', 1.0)
     return result
 
@@ -162,7 +162,8 @@ def estimate_again(earlier: Estimate, options: FitOptions, samples: JointSamples
         known = work.regress_terms(work.start_of(earlier.geometry), known.terms)
     if formulation == 'chain':
         return replace(earlier, regression=known)
-    return work.sparse_with(known, formulation, why)
+    shared, fits = work.support(formulation, known)
+    return Estimate(work.regress_terms(shared, known.terms), formulation, why, fits=fits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,33 +177,30 @@ class _Work:
     effects: tuple[Effect, ...]
     report: Progress
 
-    def requested(self) -> Estimate:
-        """Return the requested formulation."""
-        formulation, why = self.options.formulation, 'it was requested'
+    def result(self) -> Estimate:
+        """Return the requested formulation, or the one that predicts held-out samples best."""
+        requested = self.options.formulation
         chain, warning = self._chain()
-        if formulation == 'chain':
-            return Estimate(chain, formulation, why, warning=warning)
-        return self.sparse(chain, formulation, why)
-
-    def best(self) -> Estimate:
-        """Return the chain, or the potential if that predicts held-out samples better."""
-        chain, warning = self._chain()
-        why = self._accepted(chain)
+        why = self._accepted(chain) if requested == 'auto' else 'it was requested'
+        if requested in ('potential', 'per_joint'):
+            shared, fits = self.support(requested, chain)
+            return Estimate(self._searched(shared, chain), requested, why, fits=fits)
         if why:
             return Estimate(chain, 'chain', why, warning=warning)
-        errors = {'chain': chain.held_out_ratio(chain.noise)}
-        # Its own effects are searched for only where it is the better one with those of the chain.
-        for sparse in (self.sparse_with, self.sparse):
-            potential = sparse(chain, 'potential', '')
-            errors['potential'] = potential.regression.held_out_ratio(chain.noise)
-            if errors['potential'] >= errors['chain']:
-                break
+        shared, fits = self.support('potential', chain)
+        potential = self.regress_terms(shared, chain.terms)
+        error, of_chain = (each.held_out_ratio(chain.noise) for each in (potential, chain))
+        if error < of_chain:
+            # Its own effects are searched for only where it is better with those of the chain.
+            potential = self._searched(shared, chain)
+            error = potential.held_out_ratio(chain.noise)
+        errors = {'chain': of_chain, 'potential': error}
         best, other = sorted(errors, key=lambda name: errors[name])
         why = (f'on held-out samples the error of the {best} is {errors[best]:.2f} and that of '
                f'the {other} {errors[other]:.2f} times the noise')
         if best == 'chain':
             return Estimate(chain, 'chain', why, errors, warning)
-        return replace(potential, why=why, held_out=errors)
+        return Estimate(potential, 'potential', why, errors, fits=fits)
 
     def _accepted(self, chain: Regression) -> str:
         """Return why a chain needs no comparison with the potential, '' if it does."""
@@ -256,33 +254,28 @@ class _Work:
         """Return a start with its moments, on which the columns of some effects depend."""
         return with_common_terms(self.problem, shared, self.effects).shared
 
-    def sparse(self, chain: Regression, formulation: str, why: str) -> Estimate:
+    def support(self, formulation: str, known: Regression
+                ) -> tuple[Shared, tuple[SparseFit, ...]]:
         """
-        Return the estimate on a support of the dictionary.
+        Return the columns of the dictionary that ADMM selects, and the solved problems.
 
-        It is selected from the torque without the effects of motion that the chain found, which
-        are the start of the search. The static ones would explain what a chain misses of gravity.
+        They are selected from the torque without the effects of motion of a known regression.
         """
         self.report('ADMM', 0.5)
-        shared, fits = self._support(formulation, chain.torque_at_rest())
-        moving = [term for term in chain.terms if not term.effect.is_static]
-        return Estimate(self.regress(shared, moving), formulation, why, fits=fits)
-
-    def sparse_with(self, chain: Regression, formulation: str, why: str) -> Estimate:
-        """Return the same with the terms of the chain, not searched for again."""
-        self.report('ADMM', 0.5)
-        shared, fits = self._support(formulation, chain.torque_at_rest())
-        return Estimate(self.regress_terms(shared, chain.terms), formulation, why, fits=fits)
-
-    def _support(self, formulation: str, torque: FloatArray
-                 ) -> tuple[Shared, tuple[SparseFit, ...]]:
-        """Return the columns that ADMM selects from a gravity torque (R, N)."""
-        rows, fold = self.problem.means(torque), self.problem.rows.fold
+        rows, fold = self.problem.means(known.torque_at_rest()), self.problem.rows.fold
         if formulation == 'potential':
             energy, fits = fit_potential(rows, fold)
             return Energy(energy), tuple(fits)
         torques, fits = fit_per_joint(rows, fold)
         return Torques(torques), tuple(fits)
+
+    def _searched(self, shared: Shared, chain: Regression) -> Regression:
+        """
+        Return the regression on a support, from the effects of motion that the chain found.
+
+        The static ones would explain what a chain misses of gravity.
+        """
+        return self.regress(shared, [t for t in chain.terms if not t.effect.is_static])
 
     def regress(self, shared: Shared, start: Iterable[Term] = ()) -> Regression:
         """

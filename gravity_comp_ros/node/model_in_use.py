@@ -7,8 +7,7 @@ import math
 from typing import TypeVar
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.predict import LiveEffects
-from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.predict import LiveEffects, static_effects
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.external_torque import (
     ExternalTorque, ExternalTorqueObserver, ExternalTorqueOptions)
@@ -46,9 +45,8 @@ class ModelInUse:
             LiveEffects(model, model.applied.effects) for _ in range(2))
         self._fitted = LiveEffects(model, model.fitted.effects)
         self._external: ExternalTorqueObserver | None = None
-        known, rest = all_effects(), np.zeros(model.n_joints)
-        static = LiveEffects(model, [effect for effect in model.applied.effects
-                                     if effect.name in known and known[effect.name].is_static])
+        static = LiveEffects(model, static_effects(model.applied.effects))
+        rest = np.zeros(model.n_joints)
         self.published, self.problem = static.targets, self._effects.problem
         if static.left_out and not self.problem:
             self.problem = f'without {", ".join(static.left_out)}, which depends on time'

@@ -14,7 +14,7 @@ from gravity_comp_ros.regression.alternatives import (
 from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.exchanges import run
-from gravity_comp_ros.regression.gains import gain, score_of, without_weak
+from gravity_comp_ros.regression.gains import gain, Score, score_of, without_weak
 from gravity_comp_ros.regression.linear import gauss_newton, Linear
 from gravity_comp_ros.regression.noise import (
     correlation_times, noise_std, precision_of, relative_weights, variance_by_motion)
@@ -153,15 +153,11 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     by_omitted = {term.key: omitted[np.ix_(at, at)] for term, at in search.posterior.at.items()}
     stds, size_stds, unabsorbed = {}, {}, {}
     for term in published.terms:
-        at, score = published.at[term], scores[term.key]
-        beta, of_term = published.beta[at], (
-            published.covariance[np.ix_(at, at)] + by_omitted[term.key])
-        unabsorbed[term.key] = score.share_left(beta)
-        stds[term.key] = np.sqrt(
-            np.diag(of_term) + (options.law_error * score.leverage(beta)) ** 2)
-        size_stds[term.key] = float(np.hypot(
-            max(float(beta @ np.linalg.solve(of_term, beta)), 1e-300) ** -0.5,
-            options.law_error / max(unabsorbed[term.key], 1e-300)))
+        at, key = published.at[term], term.key
+        beta, covariance = published.beta[at], published.covariance[np.ix_(at, at)]
+        unabsorbed[key] = scores[key].share_left(beta)
+        stds[key], size_stds[key] = _stds(scores[key], beta, covariance + by_omitted[key],
+                                          options.law_error)
     covariance = _covariance(search, published, [a for each in ambiguous.values() for a in each])
     covariance += omitted[:len(covariance), :len(covariance)]
     published = replace(published, beta=fit.at_point().beta)
@@ -171,6 +167,19 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
                        for key, others in ambiguous.items()}, gains, stds, size_stds,
                       {key: s.identified for key, s in scores.items()}, unabsorbed, covariance,
                       steps, converged)
+
+
+def _stds(score: Score, beta: FloatArray, covariance: FloatArray,
+          law_error: float) -> tuple[FloatArray, float]:
+    """
+    Return the standard deviations (K,) of a term's coefficients, and that of their common factor.
+
+    The estimate of the factor is 1. The error of the law is in both.
+    """
+    variance = np.diag(covariance) + (law_error * score.leverage(beta)) ** 2
+    information = max(float(beta @ np.linalg.solve(covariance, beta)), 1e-300)
+    of_law = law_error / max(score.share_left(beta), 1e-300)
+    return np.asarray(np.sqrt(variance)), float(np.hypot(information ** -0.5, of_law))
 
 
 def _published(fit: Linear) -> Posterior:
