@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 
 # Facts are about the effort as read: a scale that they name is a factor of the scale of reading.
-TIMES_GIVEN = 'times a scale given before'
+TIMES_GIVEN = 'times any scale already given'
 
 
 class Kind(StrEnum):

@@ -127,8 +127,8 @@ class Arm:
         self.is_allowed = enabled
         self._limit()
         if self.in_use is None:
-            return True, ('no model yet: torque ramps up from the first one on' if enabled else
-                          'no model yet: nothing is published, also not from the first one on')
+            return True, ('no model yet; torque ramps up once there is one' if enabled else
+                          'no model yet; once there is one, no torque is published')
         where = 'up' if enabled else 'down to zero'
         end = '' if enabled else ', then nothing is published'
         return True, f'torque ramps {where} over {self.settings.ramp_time} s{end}'

@@ -229,7 +229,7 @@ def test_other_units_of_position_are_refused_with_the_option(tmp_path, unit, fac
 @pytest.mark.parametrize('seed', [0, *campaign(1, 2, 3)])
 def test_a_reversed_sign_is_refused(tmp_path, seed):
     tau = torque(Q, QD, seed=seed)
-    with pytest.raises(BagError, match='opposite to friction.*base=-1,lower=-1.* times a scale'):
+    with pytest.raises(BagError, match='opposite to friction.*base=-1,lower=-1.* times any scale'):
         read(tmp_path, tau=-tau)
     only(read(tmp_path, tau=-tau, accept=('effort_sign',)), Kind.EFFORT_SIGN, Action.NOTED)
     assert facts(read(tmp_path, tau=-tau, effort_scale=dict.fromkeys(NAMES, -1.0))) == []
