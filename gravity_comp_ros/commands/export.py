@@ -91,8 +91,8 @@ def run(args: argparse.Namespace) -> terminal.Answer:
         warnings.append(f'found in the recordings, but not exported, since it is not added to the '
                         f'model: {listed}')
         lines = [*lines, *next_step.lines(
-            'add those of them that `gravity_comp diagnose` establishes, with the recordings and '
-            'reading options of the fit, and export again', add)]
+            'add the effects found that `gravity_comp diagnose` establishes, with the recordings '
+            'and reading options of the fit, and export again', add)]
     return terminal.Answer(document, lines, warnings)
 
 
