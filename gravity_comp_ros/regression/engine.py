@@ -15,7 +15,7 @@ from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.exchanges import run
 from gravity_comp_ros.regression.gains import gain, Score, score_of, without_weak
-from gravity_comp_ros.regression.linear import gauss_newton, Linear
+from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_exact_angles
 from gravity_comp_ros.regression.noise import (
     correlation_times, noise_std, precision_of, relative_weights, variance_by_motion)
 from gravity_comp_ros.regression.posterior import leave_out, Posterior, solve
@@ -138,7 +138,7 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
         if number and not changed:
             break
         fit = fit.weighted(_weights(fit))
-    exact = _with_exact_angles(fit)
+    exact = with_exact_angles(fit)
     if exact is not fit:
         fit, search = _without_turned_axes(exact, search, effects)
     fit, published = _without_weak(fit, search.forced)
@@ -205,18 +205,6 @@ def _without_weak(fit: Linear, forced: frozenset[Key]) -> tuple[Linear, Posterio
         return fit, published
     fit = gauss_newton(fit.selected(posterior))[0]
     return fit, _published(fit)
-
-
-def _with_exact_angles(fit: Linear) -> Linear:
-    """Return the fit with exact angles where that is more probable."""
-    problem, terms = fit.problem, fit.posterior.terms
-    posterior = solve(fit.posterior.design, terms, precision_of(
-        fit.posterior, problem.scale, problem.options))
-    p = len(fit.shared.point)
-    shared = fit.shared.with_exact_angles(posterior.covariance[:p, :p])
-    if shared is fit.shared:
-        return fit
-    return gauss_newton(fit.on(shared.renewed(), fit.posterior.precision))[0]
 
 
 def _without_turned_axes(fit: Linear, search: Search, effects: Sequence[Effect]

@@ -17,7 +17,8 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.regression.candidates import common_terms, TermFactory
 from gravity_comp_ros.regression.design import Design, FIXED
-from gravity_comp_ros.regression.noise import CONVERGED, MAX_NOISES, white_precision
+from gravity_comp_ros.regression.noise import (
+    CONVERGED, MAX_NOISES, precision_of, white_precision)
 from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.shared import Shared
@@ -150,6 +151,18 @@ def gauss_newton(fit: Linear, renewed: bool = False) -> tuple[Linear, int, bool]
 def _objective(posterior: Posterior) -> float:
     """Return the objective of a linearised problem at the posterior's mean."""
     return float(posterior.precision @ posterior.squares + (posterior.from_prior() ** 2).sum())
+
+
+def with_exact_angles(fit: Linear) -> Linear:
+    """Return the fit with exact angles where that is more probable."""
+    problem, terms = fit.problem, fit.posterior.terms
+    posterior = solve(fit.posterior.design, terms, precision_of(
+        fit.posterior, problem.scale, problem.options))
+    p = len(fit.shared.point)
+    shared = fit.shared.with_exact_angles(posterior.covariance[:p, :p])
+    if shared is fit.shared:
+        return fit
+    return gauss_newton(fit.on(shared.renewed(), fit.posterior.precision))[0]
 
 
 def with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect]) -> Linear:

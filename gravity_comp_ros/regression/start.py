@@ -1,8 +1,10 @@
 """
 Start of the axes of an arm without a description.
 
-The squared error has several minima. A search from random axes, with generic friction, an offset
-and own inertia of each joint, finds the best one. A wrong one has several times its residual.
+The likelihood has several maxima. A search from random axes, with generic friction, an offset and
+own inertia of each joint, finds the best one. A wrong one has several times its residual, unless
+the motion is short: those near the best are compared by the evidence of the arm's own dynamics,
+with right angles where these are more probable.
 """
 
 from __future__ import annotations
@@ -12,10 +14,12 @@ from collections.abc import Sequence
 from gravity_comp_ros.data.samples import BoolArray, IntArray, JointSamples, spread_over
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.errors import FitError
-from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, Nuisance, search
+from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, maxima, Nuisance
 from gravity_comp_ros.models.kinematic.chain import in_frames_of_axes
-from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_common_terms
+from gravity_comp_ros.regression.linear import (
+    gauss_newton, Linear, with_common_terms, with_exact_angles)
 from gravity_comp_ros.regression.noise import noise_std
+from gravity_comp_ros.regression.posterior import solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
@@ -45,12 +49,26 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
 
     :raises FitError: if there are no samples.
     """
-    axes = search(arm_problem(*generic_poses(problem, _POSES)), _STARTS, hits=_HITS).chain
-    best = with_common_terms(problem, UnknownLengths.of(in_frames_of_axes(axes)), effects)
+    found = maxima(arm_problem(*generic_poses(problem, _POSES)), _STARTS, hits=_HITS)
+    best = _most_probable([with_common_terms(
+        problem, UnknownLengths.of(in_frames_of_axes(state.chain)), effects) for state in found])
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
     reversed_ = best.on(UnknownLengths.of(_axes_of(best).chain.with_first_reversed()),
                         best.posterior.precision, is_known=False)
     return _axes_of(min(best, gauss_newton(reversed_, renewed=True)[0], key=_log_noise))
+
+
+def _most_probable(fits: list[Linear]) -> Linear:
+    """Return the fit whose axes, exact where that is more probable, have the largest evidence."""
+    if len(fits) == 1:
+        return fits[0]
+    precision = min(fits, key=_log_noise).posterior.precision
+
+    def log_evidence(fit: Linear) -> float:
+        exact = with_exact_angles(fit).posterior
+        return solve(exact.design, exact.terms, precision).log_evidence
+
+    return max(fits, key=log_evidence)
 
 
 def _axes_of(fit: Linear) -> UnknownLengths:

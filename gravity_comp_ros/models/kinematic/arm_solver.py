@@ -48,6 +48,9 @@ _COARSE_SAMPLES = 200
 _RANDOM = 4
 # Maxima within this many nats per effort are the same.
 _SAME = 0.01
+# Distance in nats from the best maximum up to which another may be that of the true axes: it has
+# the least noise by chance, without a prior of right angles.
+_NEAR = 10.0
 
 
 @dataclass(frozen=True)
@@ -327,17 +330,30 @@ def _orthogonal(axes: FloatArray) -> FloatArray:
 
 
 def search(problem: ArmProblem, starts: int, seed: int = 0, hits: int = 4) -> ArmState:
+    """Return the best solution from at most a number of starts (`maxima`)."""
+    return ArmSolver.of_axes(problem).run(_coarse_maxima(problem, starts, seed, hits)[0])
+
+
+def maxima(problem: ArmProblem, starts: int, seed: int = 0, hits: int = 4) -> list[ArmState]:
     """
-    Return the best solution from at most a number of starts, drawn from `seed`.
+    Return the best solution and those near it, from at most a number of starts drawn from `seed`.
 
     :param hits: the number of further starts that must reach the best maximum.
     """
+    solver = ArmSolver.of_axes(problem)
+    return _near([solver.run(axes) for axes in _coarse_maxima(problem, starts, seed, hits)])
+
+
+def _coarse_maxima(problem: ArmProblem, starts: int, seed: int, hits: int) -> list[FloatArray]:
+    """Return the axes of the best coarse solution, then those of the ones near it."""
     few = ArmSolver.of_axes(_coarse(problem))
     rng, reached = np.random.default_rng(seed), 0
     same = _SAME * few.problem.tau.size
     best: ArmState | None = None
+    found: list[ArmState] = []
     for count in range(1, starts + 1):
         tried = few.run(_next_axes(rng, problem.q.shape[1], count, best))
+        found.append(tried)
         if best is not None and tried.cost > best.cost - same:
             # A slightly lower cost is the same maximum again.
             reached += tried.cost < best.cost + same
@@ -345,8 +361,19 @@ def search(problem: ArmProblem, starts: int, seed: int = 0, hits: int = 4) -> Ar
                 break
             continue
         best, reached = tried, 0
-    assert best is not None
-    return ArmSolver.of_axes(problem).run(best.chain.axes)
+    return [state.chain.axes for state in _near(found)]
+
+
+def _near(states: list[ArmState]) -> list[ArmState]:
+    """Return the state of least cost and those near it, of states that converged alike one."""
+    ordered = sorted(states, key=cost_of)
+    result = ordered[:1]
+    for state in ordered[1:]:
+        if state.cost > ordered[0].cost + _NEAR:
+            break
+        if state.cost > result[-1].cost + _CONVERGED:
+            result.append(state)
+    return result
 
 
 def _next_axes(rng: np.random.Generator, n: int, count: int, best: ArmState | None) -> FloatArray:
