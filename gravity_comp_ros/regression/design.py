@@ -56,6 +56,12 @@ class Design:
         other.prior = self.prior.narrow(n_angles, factor)
         return other
 
+    def with_wider(self, std: FloatArray) -> Design:
+        """Return the same sums with standard deviations (K,) added to the first K parameters."""
+        other = copy(self)
+        other.prior = self.prior.wider(std)
+        return other
+
     @property
     def n_rows(self) -> int:
         return self.y.shape[1]

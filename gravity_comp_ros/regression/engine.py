@@ -183,10 +183,14 @@ def _stds(score: Score, beta: FloatArray, covariance: FloatArray,
 
 
 def _published(fit: Linear) -> Posterior:
-    """Return the posterior at the noise of the residual, whose rows are autocorrelated."""
+    """
+    Return the posterior at the noise of the residual, whose rows are autocorrelated.
+
+    Exact angles may be free ones with the probability of their evidence.
+    """
     scale, options = fit.problem.scale, fit.problem.options
-    posterior = solve(fit.posterior.design, fit.posterior.terms,
-                      precision_of(fit.posterior, scale, options))
+    design = fit.posterior.design.with_wider(fit.shared.exact_std())
+    posterior = solve(design, fit.posterior.terms, precision_of(fit.posterior, scale, options))
     return solve(posterior.design, posterior.terms, precision_of(
         posterior, scale, options, correlation_times(posterior)))
 

@@ -22,7 +22,7 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, PARAMETERS
 from gravity_comp_ros.regression.prior import Prior, Scale
-from gravity_comp_ros.regression.shared import Shared, State
+from gravity_comp_ros.regression.shared import mixture_std, Shared, State
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -69,7 +69,8 @@ class KnownAxes(Shared):
     An arm on the axes of a geometry: 2 tilts of the base, N zero angles, K base parameters.
 
     `values` (K,) are the base parameters. `geometry` is the `described` one changed by the angles
-    `turned` (2 + N,), tilts and zeros; `is_exact` are those that are as described. With
+    `turned` (2 + N,), tilts and zeros; `is_exact` are those that are as described, with
+    their `exact_std`. With
     `is_mounted` the described vertical is that of the arm, otherwise an estimate. `nominal`
     (10 N,) are the parameters of the nominal arm, 0 before the moments are estimated.
     """
@@ -79,6 +80,7 @@ class KnownAxes(Shared):
     described: Geometry
     turned: FloatArray
     is_exact: BoolArray
+    mixture_std: FloatArray
     nominal: FloatArray
     is_mounted: bool = True
     priors: KnownPriors = KnownPriors()
@@ -89,7 +91,8 @@ class KnownAxes(Shared):
         n, kept = geometry.n_joints, basis_of(geometry).kept
         geometry = replace(geometry, base=tuple(map(int, kept)))
         return cls(geometry, np.zeros(len(kept)), geometry, np.zeros(2 + n),
-                   np.zeros(2 + n, dtype=bool), np.zeros(len(PARAMETERS) * n), is_mounted)
+                   np.zeros(2 + n, dtype=bool), np.zeros(2 + n),
+                   np.zeros(len(PARAMETERS) * n), is_mounted)
 
     @property
     def basis(self) -> Basis:
@@ -119,6 +122,9 @@ class KnownAxes(Shared):
         still = State(q, 0.0 * q, 0.0 * q)
         steps = self.chain.jacobian(q).transpose(2, 1, 0).reshape(-1, 4 * n)
         return _lstsq(steps, self.columns(still).reshape(len(steps), -1))
+
+    def exact_std(self) -> FloatArray:
+        return self.mixture_std
 
     def prior(self, scale: Scale) -> Prior:
         """
@@ -201,7 +207,10 @@ class KnownAxes(Shared):
         gain = np.log(self._angle_std / np.sqrt(variance)) - 0.5 * self.turned ** 2 / variance
         if not self.is_mounted:
             gain[:2] = -np.inf
-        return self._with_exact(self.is_exact | (gain > 0.0))
+        exact = self._with_exact(self.is_exact | (gain > 0.0))
+        std = np.where(self.is_exact, self.mixture_std,
+                       mixture_std(gain, self.turned, variance))
+        return replace(exact, mixture_std=np.where(exact.is_exact, std, 0.0))
 
     def at_near_angles(self) -> KnownAxes:
         """Return the same with all angles as described, but those of an estimated vertical."""

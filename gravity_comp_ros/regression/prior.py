@@ -36,6 +36,12 @@ class Prior:
         root[:count] *= factor
         return Prior(self.mean, root)
 
+    def wider(self, std: FloatArray) -> Prior:
+        """Return the prior with standard deviations (K,) added to its first K coefficients."""
+        root, first = self.root.copy(), np.arange(len(std))
+        root[first, first] = np.hypot(root[first, first], std)
+        return Prior(self.mean, root)
+
     @cached_property
     def precision(self) -> FloatArray:
         """Return the inverse (P, P) of the covariance."""

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.regression.prior import Prior, Scale
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import expit
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,10 @@ class Shared(ABC):
     def n_angles(self) -> int:
         """Return the number of leading parameters that are angles, in which it is not linear."""
         return 0
+
+    def exact_std(self) -> FloatArray:
+        """Return `mixture_std` of the angles that are exact, 0 of the others, (A,) in rad."""
+        return np.zeros(self.n_angles)
 
     @abstractmethod
     def prior(self, scale: Scale) -> Prior:
@@ -94,3 +100,16 @@ class Shared(ABC):
             result[:, :, joint] = (self.gravity(q + change) - self.gravity(q - change)) / (
                 2.0 * step)
         return result
+
+
+def mixture_std(gain: ArrayLike, step: FloatArray, variance: FloatArray) -> FloatArray:
+    """
+    Return the standard deviations (K,) in rad of angles about their exact value.
+
+    They are those over both hypotheses. The free angle has the probability of its evidence.
+
+    :param gain: log evidence in nats of the exact angle over the free one.
+    :param step: difference (K,) in rad of the exact angle from the free one.
+    :param variance: that (K,) of the free angle, in rad^2.
+    """
+    return np.asarray(np.sqrt(expit(-np.asarray(gain)) * (variance + step ** 2)))

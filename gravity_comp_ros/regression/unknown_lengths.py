@@ -28,7 +28,7 @@ from gravity_comp_ros.models.kinematic.arm_columns import (
     ArmMotion, motion_columns, motion_torque_by_tilts)
 from gravity_comp_ros.models.kinematic.chain import about_z, Chain, tilt
 from gravity_comp_ros.regression.prior import Prior, Scale
-from gravity_comp_ros.regression.shared import Shared, State
+from gravity_comp_ros.regression.shared import mixture_std, Shared, State
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -76,7 +76,7 @@ class UnknownLengths(Shared):
     A chain with unknown lengths: 2N tilts, 2N moments, 3(N - 1) lengths, 6N inertias.
 
     The tilts of an axis are those of `_turns`. `is_right` (2N,) are those that a right angle or a
-    parallel axis fixes.
+    parallel axis fixes; `mixture_std` (2N,) is their `exact_std`.
 
     `lengths` (N - 1, 3) in m, `inertias` (N, 6) in kg·m^2: xx, yy, zz, xy, xz, yz of each link.
     `carried` (N, 2) are the moments in the torque of motion and in the prior of the inertias. They
@@ -89,6 +89,7 @@ class UnknownLengths(Shared):
     inertias: FloatArray
     carried: FloatArray
     is_right: BoolArray
+    mixture_std: FloatArray
     priors: LengthPriors = LengthPriors()
 
     @classmethod
@@ -98,7 +99,7 @@ class UnknownLengths(Shared):
         n = chain.n_joints
         return cls(chain, np.zeros((n - 1, 3)) if lengths is None else lengths,
                    np.zeros((n, 6)) if inertias is None else inertias, chain.moments,
-                   np.zeros(2 * n, dtype=bool))
+                   np.zeros(2 * n, dtype=bool), np.zeros(2 * n))
 
     @property
     def point(self) -> FloatArray:
@@ -116,6 +117,9 @@ class UnknownLengths(Shared):
         result = np.eye(4 * n, len(self.point))
         result[:2 * n, :2 * n] = block_diag(*_turns(self.chain))
         return result
+
+    def exact_std(self) -> FloatArray:
+        return self.mixture_std
 
     def prior(self, scale: Scale) -> Prior:
         n, p, (size, (x, y)) = self.chain.n_joints, self.priors, self._moment()
@@ -169,8 +173,16 @@ class UnknownLengths(Shared):
                        inertias=parameters[7 * n - 3:].reshape(n, 6))
 
     def with_exact_angles(self, covariance: FloatArray) -> UnknownLengths:
-        return self._exact_where(lambda step, here: self._gain(
-            step, covariance[here, here]) > self.priors.exact)
+        std = self.mixture_std.copy()
+
+        def is_exact(step: FloatArray, here: slice) -> bool:
+            gain = self._gain(step, covariance[here, here])
+            std[here] = mixture_std(gain, step, np.diag(covariance)[here])
+            return gain > self.priors.exact
+
+        exact = self._exact_where(is_exact)
+        return self if exact is self else replace(
+            exact, mixture_std=np.where(exact.is_right, std, 0.0))
 
     def at_near_angles(self) -> UnknownLengths:
         return self._exact_where(lambda step, here: bool(np.abs(step).max() < self.priors.near))
