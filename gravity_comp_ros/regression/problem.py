@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
@@ -64,6 +64,13 @@ class Problem:
         scale = Scale.of(samples.select(rows.samples), options)
         return cls(measured, used, row[used], samples, motion, rows, states, scale,
                    rows.mean(samples.tau), options)
+
+    def coarser(self, rows: int) -> Problem:
+        """Return the problem of the same samples with at most a number of rows."""
+        use = np.isin(np.arange(len(self.measured)), self.used)
+        return Problem.of(self.measured, use, replace(
+            self.options, max_rows=min(rows, self.options.max_rows),
+            max_samples=self.options.max_samples * rows // self.options.max_rows))
 
     @property
     def n_measured(self) -> IntArray:

@@ -11,15 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import BoolArray, IntArray, JointSamples, spread_over
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, maxima, Nuisance
-from gravity_comp_ros.models.kinematic.chain import in_frames_of_axes
+from gravity_comp_ros.models.kinematic.chain import Chain, in_frames_of_axes
 from gravity_comp_ros.regression.linear import (
     gauss_newton, Linear, with_common_terms, with_exact_angles)
 from gravity_comp_ros.regression.noise import noise_std
-from gravity_comp_ros.regression.posterior import solve
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
@@ -27,6 +27,9 @@ import numpy as np
 # Number of starts of the search, of those that must reach the best minimum again, and of poses.
 # With four that must reach it a search in ten ends at a wrong minimum.
 _STARTS, _HITS, _POSES = 72, 12, 400
+# Starts are one where their gravity at random poses differs by less, as a share of the largest
+# joint torque: Gauss-Newton then reaches the same minimum.
+_ONE = 0.02
 # Widths in rad/s of the direction of generic friction.
 _WIDTHS = (0.003, 0.01, 0.04)
 # Prior standard deviations per N·m of noise: offset, friction, viscous friction, inertia.
@@ -50,25 +53,40 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     :raises FitError: if there are no samples.
     """
     found = maxima(arm_problem(*generic_poses(problem, _POSES)), _STARTS, hits=_HITS)
-    best = _most_probable([with_common_terms(
-        problem, UnknownLengths.of(in_frames_of_axes(state.chain)), effects) for state in found])
+    axes = _distinct([in_frames_of_axes(state.chain) for state in found])
+    best = with_common_terms(problem, _most_probable(problem, axes, effects), effects)
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
     reversed_ = best.on(UnknownLengths.of(_axes_of(best).chain.with_first_reversed()),
                         best.posterior.precision, is_known=False)
     return _axes_of(min(best, gauss_newton(reversed_, renewed=True)[0], key=_log_noise))
 
 
-def _most_probable(fits: list[Linear]) -> Linear:
-    """Return the fit whose axes, exact where that is more probable, have the largest evidence."""
-    if len(fits) == 1:
-        return fits[0]
-    precision = min(fits, key=_log_noise).posterior.precision
+def _distinct(chains: list[Chain]) -> list[UnknownLengths]:
+    """Return the axes whose gravity differs from that of those before them."""
+    q = random_poses(chains[0].n_joints)
+    torques = [chain.torque(q) for chain in chains]
+    allowed, kept = _ONE * np.sqrt((torques[0] ** 2).mean(axis=0)).max(), [0]
+    for k in range(1, len(chains)):
+        if all(np.sqrt(((torques[k] - torques[other]) ** 2).mean(axis=0)).max() > allowed
+               for other in kept):
+            kept.append(k)
+    return [UnknownLengths.of(chains[k]) for k in kept]
+
+
+def _most_probable(problem: Problem, axes: list[UnknownLengths],
+                   effects: Sequence[Effect]) -> UnknownLengths:
+    """Return the axes of largest evidence, exact where that is more probable, on few rows."""
+    if len(axes) == 1:
+        return axes[0]
+    few = problem.coarser(_POSES)
 
     def log_evidence(fit: Linear) -> float:
-        exact = with_exact_angles(fit).posterior
-        return solve(exact.design, exact.terms, precision).log_evidence
+        posterior = with_exact_angles(fit).posterior
+        return (posterior.log_evidence
+                + 0.5 * few.rows.n_rows * float(np.log(posterior.precision).sum()))
 
-    return max(fits, key=log_evidence)
+    return _axes_of(max((with_common_terms(few, start, effects) for start in axes),
+                        key=log_evidence))
 
 
 def _axes_of(fit: Linear) -> UnknownLengths:
