@@ -365,7 +365,7 @@ def _coarse_maxima(problem: ArmProblem, starts: int, seed: int, hits: int) -> li
 
 
 def _near(states: list[ArmState]) -> list[ArmState]:
-    """Return the state of least cost and those near it, of states that converged alike one."""
+    """Return the state of least cost and those near it; of equal costs one."""
     ordered = sorted(states, key=cost_of)
     result = ordered[:1]
     for state in ordered[1:]:

