@@ -3,11 +3,13 @@ Torque per unit of effort, from recordings without and with a known weight.
 
 The effort of joint j is its torque divided by k_j, the N·m per unit:
 
-    effort_j = a_j (Y_j(q) b + d_j + [loaded] (P_j0 m + P_j m c)) + friction_j,    a_j = 1 / k_j,
+    effort_j = a_j (Y_j(q) b + d_j + [loaded] W_j(m, c)) + friction_j,    a_j = 1 / k_j,
 
-where Y are the columns of the gravity of a chain on known axes with moments b, P the torque per
-mass and first moment of the weight (known lengths), m its known mass and c its centre of mass. d
-is the small dynamic torque by the inertias of the description, if it has any.
+where Y are the columns of the gravity of a chain on known axes with moments b, and W is the
+torque of gravity and inertia of the weight, a point of known mass m at its centre c (known
+lengths). d is the small dynamic torque by the inertias of the description, if it has any. Inertia
+cannot be left out of W: in slow motion it is a hundredth of the gravity torque, and as it opposes
+the deviation from the middle of a swing, it changes the scale by as much.
 Friction is an offset and friction that depends on the direction of motion, of each recording, and
 viscous friction. Its direction is a sum of those of all laws (`effects.motion_direction`): after a
 reversal friction builds up over a distance, which on a joint with little load is as large as the
@@ -23,19 +25,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.constants import HALF_95
+from gravity_comp_ros.data.constants import HALF_95, STANDARD_GRAVITY
 from gravity_comp_ros.data.differentiation import accelerations
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.description.links import DescribedArm
+from gravity_comp_ros.description.links import DescribedArm, Inertial, on_frame
 from gravity_comp_ros.effects.motion_direction import directions
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.facts.friction import without
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
-from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics
+from gravity_comp_ros.models.kinematic.rigid_body import inverse_dynamics, PARAMETERS, regressor
 from gravity_comp_ros.models.noise import correlation_times
 from gravity_comp_ros.regression.options import EngineOptions
 from gravity_comp_ros.regression.rows import rows_of
@@ -91,9 +93,9 @@ class WeightCalibration:
     """
     The result: `scales` in N·m per unit of effort, by joint.
 
-    `left_out` are the other joints with the reason. `load` (N·m RMS, by joint) is the torque of
-    the weight. `centre` is its centre of mass in m by axis. `rmse` is the residual in units of
-    effort, by joint.
+    `left_out` are the other joints with the reason. `load` (N·m RMS, by joint) is the gravity
+    torque of the weight. `centre` is its centre of mass in m by axis. `rmse` is the residual in
+    units of effort, by joint.
     """
 
     scales: Mapping[str, Quantity]
@@ -150,18 +152,20 @@ class _Problem:
         samples, geometry = concatenate([empty, loaded]), arm.geometry
         self.engine = EngineOptions()
         self.rows = rows = rows_of(samples, self.engine)
-        self.n, self.mass = geometry.n_joints, weight.mass
+        self.n, self.arm, self.weight = geometry.n_joints, arm, weight
         is_loaded = (rows.run >= empty.n_runs).astype(np.float64)
         self.q, qd = rows.mean(samples.q), rows.mean(samples.qd)
-        columns = arm.columns(self.q, [weight.link])
-        self._loads = columns[is_loaded > 0.0]
+        motion = self.q, qd, rows.mean(accelerations(samples))
         # The dynamic torque is that of the described arm without the weight.
-        dynamic = inverse_dynamics(geometry, self.q, qd, rows.mean(accelerations(samples)),
-                                   geometry.inertials.ravel())
+        dynamic = inverse_dynamics(geometry, *motion, geometry.inertials.ravel())
+        # Of the weight by the parameters of a body in the frame of the joint that carries it.
+        own = regressor(geometry, *motion, STANDARD_GRAVITY).reshape(
+            *qd.shape, -1, len(PARAMETERS))[:, :, arm.place(weight.link).joint]
+        self._loads = arm.columns(self.q[is_loaded > 0.0], [weight.link])
         columns = np.concatenate([
             rows.mean(samples.tau)[:, :, None],
             ForwardKinematics(geometry.rotations, self.q).moment_columns().transpose(2, 1, 0),
-            dynamic[:, :, None], weight.mass * columns * is_loaded[:, None, None]], axis=2)
+            dynamic[:, :, None], own * is_loaded[:, None, None]], axis=2)
         for j in range(self.n):
             offset = [np.ones(len(qd))] if options.same_offset else [1.0 - is_loaded, is_loaded]
             signs = rows.mean(directions(samples, j)).T
@@ -169,8 +173,7 @@ class _Problem:
                                         *(signs * is_loaded), qd[:, j]])
             columns[:, j] = without(friction, columns[:, j])
         self.effort, self.gravity = columns[:, :, 0], columns[:, :, 1:1 + 2 * self.n]
-        # Torque of the weight at the origin of its link, with the dynamic torque.
-        self.fixed, self.moving = columns[:, :, -4] + columns[:, :, -5], columns[:, :, -3:]
+        self.dynamic, self._own = columns[:, :, 1 + 2 * self.n], columns[:, :, 2 + 2 * self.n:]
         self.centre = np.array(weight.centre or np.zeros(3))
         self.centre_std = 1e-6 if weight.centre is not None else options.distance
         # Number of rows per independent error, at least.
@@ -194,15 +197,20 @@ class _Problem:
         return parameters, np.linalg.inv(fit.jac.T @ fit.jac + np.diag(1e-9 * size + 1e-9))
 
     def load(self, centre: FloatArray) -> FloatArray:
-        """Return the RMS torque (N,) of the weight in N·m."""
-        torque = self.mass * self._loads @ np.array([1.0, *centre])
+        """Return the RMS gravity torque (N,) of the weight in N·m."""
+        torque = self.weight.mass * self._loads @ np.array([1.0, *centre])
         return np.asarray(np.sqrt((torque ** 2).mean(axis=0)))
+
+    def _fixed(self, centre: FloatArray) -> FloatArray:
+        """Return the torque (M, N) in N·m of inertia, and of the weight with its centre (3,)."""
+        body = Inertial(self.weight.mass, centre, np.eye(3), np.zeros((3, 3)))
+        return np.asarray(self.dynamic + self._own @ on_frame(self.arm, self.weight.link, body))
 
     def residual(self, parameters: FloatArray) -> FloatArray:
         """Return the residual (M, N) in units of effort, of gains, centre and moments."""
         gains, centre, moments = np.split(parameters, [self.n, self.n + 3])
         return np.asarray(self.effort - gains * (
-            self.gravity @ moments + self.fixed + self.moving @ centre))
+            self.gravity @ moments + self._fixed(centre)))
 
     def _noise(self, residual: FloatArray) -> FloatArray:
         """Return the noise (N,) of independent rows of the same information, units of effort."""
@@ -217,7 +225,7 @@ class _Problem:
         effort_j k_j = torque_j is linear in k and the moments. Noise of the effort makes k too
         small, so that the gain is then fitted to the torque.
         """
-        load = self.fixed + self.moving @ self.centre
+        load = self._fixed(self.centre)
         columns = np.concatenate([self.effort[:, :, None] * np.eye(self.n), -self.gravity],
                                  axis=2).reshape(load.size, -1)
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
