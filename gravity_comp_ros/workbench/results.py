@@ -12,7 +12,6 @@ from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.facts.options import FactOptions
-from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.report.contents import Contents
@@ -148,8 +147,7 @@ class Results:
     def findings(self) -> list[tuple[Finding, tuple[str, ...]]]:
         """Return findings with the targets of their Add button, none for no button."""
         diagnosis = self.session.diagnosis
-        return [(f, self._absent(f.to_add or (target(f.effect or '', f.joint),) * (
-            f.verdict == 'weak'))) for f in (diagnosis.findings if diagnosis else ())]
+        return [(f, self._absent(f.to_add)) for f in (diagnosis.findings if diagnosis else ())]
 
     def to_add(self) -> tuple[str, ...]:
         """Return the targets to add that the model of the stage does not have."""

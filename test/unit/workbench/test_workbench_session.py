@@ -118,8 +118,7 @@ def test_the_button_of_a_finding_adds_what_diagnose_names(learned):
     own = f'{finding.effect}:{finding.joint}'
     for to_add in ((own,), (own, 'torque_gain:elbow'), ('torque_gain:elbow',)):
         assert button_of('ambiguous', *to_add)[0] == ','.join(to_add)
-    assert button_of('weak') == [own]
-    assert not button_of('ambiguous') and not button_of('untestable')
+    assert not any(map(button_of, ('ambiguous', 'untestable', 'weak')))
 
 
 def test_a_step_after_undo_replaces_the_undone_stages(learned):
