@@ -32,15 +32,19 @@ from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
+from gravity_comp_ros.data.poses import random_poses
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.robot_tree import read_text
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
+from gravity_comp_ros.effects.predict import static_effects, torque_of
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.export.c_source import c_source
 from gravity_comp_ros.export.changed_description import ChangedDescription, written_friction
 from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, load_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import checksum, load_model
+import numpy as np
 from rich.table import Table
 
 # Lines to show, and the keys of the JSON.
@@ -82,7 +86,8 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     document = {'to': args.to, 'model': str(args.model), 'sha256': checksum(model),
                 'joints': list(model.joints), **_NULL, 'warnings': [], **result}
     add = document['add'] = _add_command(args, model, result['not_added'])
-    warnings = [*(f'{target} is left out: {why}' for target, why in result['left_out'].items()),
+    warnings = [*(f'{target} is left out: {why}{_at_rest(model, target)}'
+                  for target, why in result['left_out'].items()),
                 *document['warnings']]
     if add is not None:
         listed = ', '.join(f'{effect.target} ({wording.coefficients(effect.coefficients, 3)})'
@@ -94,6 +99,18 @@ def run(args: argparse.Namespace) -> terminal.Answer:
             'add the effects found that `gravity_comp diagnose` establishes, with the recordings '
             'and reading options of the fit, and export again', add)]
     return terminal.Answer(document, lines, warnings)
+
+
+def _at_rest(model: GravityModel, target: str) -> str:
+    """Return the largest torque of an effect of a model at rest, in its trained range."""
+    q = random_poses(model.n_joints, model.coverage.q_min, model.coverage.q_max)
+    still = np.zeros_like(q)
+    torque = torque_of(model, static_effects(
+        effect for effect in model.applied.effects if effect.target == target),
+        JointSamples.single_run(model.joints, np.arange(len(q)), q, still, still))
+    held = ', '.join(f'{size:.3g} N·m of {joint}' for joint, size in zip(
+        model.joints, np.abs(torque).max(axis=0)) if size > 0.0)
+    return f'. It holds up to {held} at rest, which the output lacks' if held else ''
 
 
 def _add_command(args: argparse.Namespace, model: GravityModel,

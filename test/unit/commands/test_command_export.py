@@ -97,6 +97,20 @@ def test_effects_that_were_found_and_not_added_are_named(here, tmp_path, capsys)
     assert json.loads(out)['add'] is None and err == ''
 
 
+def test_the_torque_at_rest_of_an_effect_that_is_left_out_is_named(here, tmp_path, capsys):
+    spring = AppliedEffect('joint_spring', 'iiwa_joint_2', {'centre': 0.0, 'overtones': 0.0}, {
+        'k': Value(0.0, 'N·m/rad', (-1.0, 1.0)), 'm': Value(20.0, 'N·m', (19.0, 21.0))})
+    drift = AppliedEffect('torque_drift', 'iiwa_joint_2', {'origin': 0.0, 'time': 100.0}, {
+        'r': Value(0.01, 'N·m/s', (0.009, 0.011)), 'b': Value(0.5, 'N·m', (0.4, 0.6))})
+    path = tmp_path / 'spring.json'
+    save_model(path, replace(load_model('arm.json'), applied=Applied((spring, drift))))
+    status, _, err = run(capsys, str(path), '--to', 'urdf', '--urdf', 'arm.urdf', '-o',
+                         str(tmp_path / 'new.urdf'))
+    of_spring, of_drift = err.splitlines()
+    assert status == 0 and 'holds up to 20 N·m of iiwa_joint_2 at rest' in of_spring
+    assert 'at rest' not in of_drift
+
+
 def test_payload_lines_in_the_frame_of_the_flange(here, capsys):
     status, out, _ = run(capsys, 'tool.json', '--to', 'payload', '--urdf', 'arm.urdf',
                          '--flange', 'tool0')
