@@ -52,14 +52,15 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     slow = arguments.gate(args) or GateOptions()
     with terminal.progress() as progress:
         recordings = read_each(args.bags, options, progress)
-        facts, description = [], arguments.arm_options(args)
-        for each in recordings:
-            recording = Recording(each.samples, slow, (each.report,))
-            arm = known_arm(recording, description)
-            report = replace(each.report, facts=(*each.report.facts, *arm_facts(recording, arm)))
-            facts.append((report, describe(each.samples, slow)))
+        facts = []
         # Reports bags of different robots, which a fit would reject.
-        together = arm.of(joined(recordings, slow))
+        together = joined(recordings, slow)
+        arm = known_arm(together, arguments.arm_options(args))
+        for each in recordings:
+            own = arm_facts(Recording(each.samples, slow, (each.report,)), arm)
+            facts.append((replace(each.report, facts=(*each.report.facts, *own)),
+                          describe(each.samples, slow)))
+        together = arm.of(together)
         refusals = [fact for each, _ in facts for fact in refused(each.facts)]
         enough = _enough(together, arm, refusals)
     missing = [] if enough is None else enough.facts()

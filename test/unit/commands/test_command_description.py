@@ -37,6 +37,13 @@ def bags(tmp_path_factory):
     return folder
 
 
+def test_info_uses_the_first_description_for_all_recordings(bags, tmp_path, capsys):
+    named = tmp_path / 'iiwa.urdf'
+    named.write_text(IIWA)
+    both = 'info', bags / 'own', bags / 'other'
+    assert run_json(capsys, *both)['motion'] == run_json(capsys, *both, '--urdf', named)['motion']
+
+
 def test_the_recordings_own_description_is_used(bags, tmp_path, capsys):
     model = tmp_path / 'arm.json'
     assert main(['fit', str(bags / 'own'), '-o', str(model), '--json']) == 0
