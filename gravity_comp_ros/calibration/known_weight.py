@@ -245,13 +245,12 @@ def _result(problem: _Problem, joints: tuple[str, ...], parameters: FloatArray,
         if abs(gain) < options.significance * error or load < 1e-3 * loads.max():
             left_out[joint] = 'its effort depends too little on the load in this motion'
             continue
-        k, half = 1.0 / gain, HALF_95 * error / gain ** 2
-        scales[joint] = Quantity(float(k), 'N·m per unit', (float(k - half), float(k + half)))
+        scales[joint] = Quantity.around(1.0 / gain, 'N·m per unit', HALF_95 * error / gain ** 2)
     if not scales:
         raise DataError('the weight changes the effort of no joint: is it in the second '
                         'recording, and does the arm move with it?')
     return WeightCalibration(
         scales, left_out, dict(zip(joints, loads.tolist())),
-        {axis: Quantity(float(x), 'm', (float(x - HALF_95 * s), float(x + HALF_95 * s)))
+        {axis: Quantity.around(x, 'm', HALF_95 * s)
          for axis, x, s in zip('xyz', parameters[n:], std[n:])},
         dict(zip(joints, problem.residual(parameters).std(axis=0).tolist())))

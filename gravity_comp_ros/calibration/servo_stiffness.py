@@ -85,9 +85,7 @@ def servo_stiffness(model: GravityModel, samples: JointSamples, goal: FloatArray
             left_out[joint] = ('the joint rises above its goal under load: the signs of goal and '
                                'effort differ, or an offset was in the goal')
         else:
-            half = HALF_95 * std / slope ** 2
-            stiffness[joint] = Quantity(1.0 / slope, 'N·m/rad',
-                                        (1.0 / slope - half, 1.0 / slope + half))
+            stiffness[joint] = Quantity.around(1.0 / slope, 'N·m/rad', HALF_95 * std / slope ** 2)
             rmse[joint] = rest
     if not stiffness:
         raise DataError('no stiffness: ' + '; '.join(

@@ -22,17 +22,19 @@ For example:
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.api.read import joined, read_each, read_recording
 from gravity_comp_ros.calibration.known_weight import (
-    calibrate, CalibrationOptions, Weight, WeightCalibration)
+    calibrate, CalibrationOptions, Weight)
 from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
 from gravity_comp_ros.commands import arguments, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.export.payload_lines import millimetres
+from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import joint_goals
 from rich.table import Table
@@ -84,14 +86,13 @@ def run(args: argparse.Namespace) -> Answer:
         result = calibrate(empty.select_joints(joints).slow, loaded.select_joints(joints).slow,
                            arm, weight, CalibrationOptions(same_offset=args.same_zero))
     # Relative to the scales with which the recordings were read.
-    read = {joint: empty.reports[0].effort_scale.get(joint, 1.0) for joint in result.scales}
-    option = '--effort-scale ' + ','.join(f'{joint}={read[joint] * scale.value:.5g}'
-                                          for joint, scale in result.scales.items())
+    scales = {joint: scale.times(empty.reports[0].effort_scale.get(joint, 1.0))
+              for joint, scale in result.scales.items()}
+    option = '--effort-scale ' + ','.join(f'{joint}={scale.value:.5g}'
+                                          for joint, scale in scales.items())
     document = {
-        'joints': {joint: {'scale': {'value': read[joint] * scale.value, 'unit': scale.unit,
-                                     'ci95': [read[joint] * x for x in scale.ci95]},
-                           'load_rms': result.load[joint], 'rmse': result.rmse[joint]}
-                   for joint, scale in result.scales.items()},
+        'joints': {joint: {'scale': vars(scale), 'load_rms': result.load[joint],
+                           'rmse': result.rmse[joint]} for joint, scale in scales.items()},
         'left_out': result.left_out, 'option': option, 'link': weight.link, 'mass': weight.mass,
         'centre': {axis: vars(x) for axis, x in result.centre.items()},
         'bags': [each.to_json() for each in reports]}
@@ -99,7 +100,7 @@ def run(args: argparse.Namespace) -> Answer:
         f'centre of mass of the weight in the frame of {weight.link}: '
         f'{millimetres(result.centre)}']
     return Answer(document, [
-        *reading.bag_lines(reports), '', _table(result, read), *centre,
+        *reading.bag_lines(reports), '', _table(scales, result.load), *centre,
         *(f'{joint} is not calibrated: {why}' for joint, why in result.left_out.items()),
         '', 'option for all verbs' + ', instead of --effort-unit' * (options.effort_unit != 'Nm')
         + ', and for the parameter effort_scale of the node:',
@@ -137,11 +138,8 @@ def _stiffness(args: argparse.Namespace) -> Answer:
         '', 'parameter of the node:', terminal.command(parameter)])
 
 
-def _table(result: WeightCalibration, read: dict[str, float]) -> Table:
-    rows = []
-    for joint, scale in result.scales.items():
-        low, high = sorted(read[joint] * x for x in scale.ci95)
-        rows.append((joint, f'{read[joint] * scale.value:.4g}', f'{low:.4g} … {high:.4g}',
-                     f'{50.0 * (high - low) / abs(read[joint] * scale.value):.1f} %',
-                     f'{result.load[joint]:.3f}'))
-    return terminal.table('', ('joint', 'N·m per unit', '95 %', '±', 'weight N·m RMS'), rows)
+def _table(scales: Mapping[str, Quantity], load: Mapping[str, float]) -> Table:
+    return terminal.table('', ('joint', 'N·m per unit', '95 %', '±', 'weight N·m RMS'), [
+        (joint, f'{scale.value:.4g}', f'{scale.ci95[0]:.4g} … {scale.ci95[1]:.4g}',
+         f'{100.0 * scale.half / abs(scale.value):.1f} %', f'{load[joint]:.3f}')
+        for joint, scale in scales.items()])

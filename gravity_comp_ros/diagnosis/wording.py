@@ -88,8 +88,7 @@ def settings(effect: AppliedEffect) -> str:
 
 def plus_minus(estimate: Quantity) -> str:
     """Return `0.790 ± 0.028 N·m`, with two significant digits of the half-width."""
-    low, high = estimate.ci95
-    half = 0.5 * (high - low)
+    half = estimate.half
     unit = f' {estimate.unit}' if estimate.unit else ''
     if not (math.isfinite(half) and half > 0.0):
         return f'{estimate.value:.4g}{unit}'

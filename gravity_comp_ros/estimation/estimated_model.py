@@ -157,7 +157,7 @@ def alternatives_of(regression: Regression, term: Term, joints: tuple[str, ...]
 def values_of(listed: Coefficients, values: FloatArray,
               std: FloatArray) -> Mapping[str, Value]:
     """Return coefficients (K,) with their 95 % intervals, by symbol."""
-    return {c.symbol: Value(float(x), c.unit, (float(x - HALF_95 * s), float(x + HALF_95 * s)))
+    return {c.symbol: Value.around(x, c.unit, HALF_95 * s)
             for c, x, s in zip(listed, values, std)}
 
 

@@ -152,7 +152,7 @@ def estimate_payload(chain: Chain, covariance: FloatArray, new: NewSamples,
 def _mass_and_centre(mean: FloatArray, covariance: FloatArray, link: str) -> PayloadEstimate:
     """Return mass and centre with 95 % intervals from the posterior of [m, m c]."""
     value, sigma = float(mean[0]), float(np.sqrt(covariance[0, 0]))
-    mass = Quantity(value, 'kg', (value - HALF_95 * sigma, value + HALF_95 * sigma))
+    mass = Quantity.around(value, 'kg', HALF_95 * sigma)
     if abs(value) < OPTIONS.significant * sigma:
         return PayloadEstimate(link, mass, None)
     draws = np.random.default_rng(0).multivariate_normal(mean, covariance, _DRAWS)

@@ -134,6 +134,6 @@ def _effects(model: GravityModel) -> dict[tuple[str, str], AppliedEffect]:
 def _has_drifted(before: Quantity | None, after: Quantity | None) -> bool:
     """Return whether two coefficients differ; one that was not found counts as 0."""
     values = [0.0 if x is None else x.value for x in (before, after)]
-    halves = [0.5 * (x.ci95[1] - x.ci95[0]) for x in (before, after) if x is not None]
+    halves = [x.half for x in (before, after) if x is not None]
     return bool(abs(values[1] - values[0])
                 > DRIFT.significance / HALF_95 * float(np.linalg.norm(halves)))

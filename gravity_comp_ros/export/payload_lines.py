@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import DescribedArm
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.applied_effects import Quantity
@@ -79,9 +80,8 @@ def load_of(model: GravityModel) -> Payload:
     parts = [_payload(update) for update in updates]
     if len(parts) == 1:
         return parts[0]
-    masses, widths = (np.array([value(part.mass) for part in parts]) for value in (_value, _half))
-    centres, errors = (np.array([[value(part.centre[axis]) for axis in _AXES] for part in parts])
-                       for value in (_value, _half))
+    masses, widths = np.array([(part.mass.value, part.mass.half) for part in parts]).T
+    centres, errors = (np.array(values) for values in zip(*map(_centre, parts)))
     total, width = float(masses.sum()), float(np.sqrt((widths ** 2).sum()))
     if len({part.frame for part in parts}) > 1 or abs(total) <= width:
         raise DataError(f'the payloads of the {len(parts)} updates have no known sum: update a '
@@ -90,9 +90,8 @@ def load_of(model: GravityModel) -> Payload:
     # Errors of the moments of all parts, each by its mass and its centre about that of the sum.
     spread = np.sqrt((masses ** 2) @ errors ** 2 + widths ** 2 @ (centres - centre) ** 2) / abs(
         total)
-    return Payload(parts[-1].frame, Quantity(total, 'kg', (total - width, total + width)), {
-        axis: Quantity(float(x), 'm', (float(x - w), float(x + w)))
-        for axis, x, w in zip(_AXES, centre, spread)})
+    return Payload(parts[-1].frame, Quantity.around(total, 'kg', width), {
+        axis: Quantity.around(x, 'm', w) for axis, x, w in zip(_AXES, centre, spread)})
 
 
 def _payload(update: Mapping[str, Any]) -> Payload:
@@ -109,12 +108,11 @@ def _payload(update: Mapping[str, Any]) -> Payload:
                    {axis: _quantity(x) for axis, x in estimate['centre'].items()})
 
 
-def _value(quantity: Quantity) -> float:
-    return quantity.value
-
-
-def _half(quantity: Quantity) -> float:
-    return 0.5 * (quantity.ci95[1] - quantity.ci95[0])
+def _centre(payload: Payload) -> tuple[FloatArray, FloatArray]:
+    """Return a centre of mass and the half widths of its intervals, (3,) in m."""
+    values, halves = np.array([(x.value, x.half) for x in (
+        payload.centre[axis] for axis in _AXES)]).T
+    return values, halves
 
 
 def in_frame(payload: Payload, arm: DescribedArm, frame: str) -> Payload:
@@ -131,13 +129,11 @@ def in_frame(payload: Payload, arm: DescribedArm, frame: str) -> Payload:
         raise DataError(f'link {frame} turns against {payload.frame}, to which the payload is '
                         f'fixed: name a flange beyond joint {arm.geometry.joints[old.joint]}')
     rotation = new.rotation.T @ old.rotation
-    centre = np.array([payload.centre[axis].value for axis in _AXES])
-    half = np.array([_half(payload.centre[axis]) for axis in _AXES])
+    centre, half = _centre(payload)
     moved = rotation @ centre + new.rotation.T @ (old.origin - new.origin)
     width = np.sqrt(rotation ** 2 @ half ** 2)
     return Payload(frame, payload.mass, {
-        axis: Quantity(float(x), 'm', (float(x - w), float(x + w)))
-        for axis, x, w in zip(_AXES, moved, width)})
+        axis: Quantity.around(x, 'm', w) for axis, x, w in zip(_AXES, moved, width)})
 
 
 def drive_lines(payload: Payload) -> tuple[DriveLine, ...]:

@@ -7,7 +7,8 @@ Data only: reading a model file must not require the library of effects, which c
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 from gravity_comp_ros.errors import DataError
 import numpy as np
@@ -20,6 +21,21 @@ class Quantity:
     value: float
     unit: str
     ci95: tuple[float, float]
+
+    @classmethod
+    def around(cls, value: float, unit: str, half: float) -> Self:
+        """Return a quantity whose interval reaches `half` of its width to both sides."""
+        return cls(float(value), unit, (float(value - half), float(value + half)))
+
+    @property
+    def half(self) -> float:
+        """Return half the width of the interval."""
+        return 0.5 * (self.ci95[1] - self.ci95[0])
+
+    def times(self, factor: float) -> Self:
+        """Return the quantity times a number of either sign."""
+        low, high = sorted(factor * x for x in self.ci95)
+        return replace(self, value=factor * self.value, ci95=(low, high))
 
 
 @dataclass(frozen=True)

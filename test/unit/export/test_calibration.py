@@ -137,6 +137,9 @@ def test_numbers_of_joints_are_those_of_the_first_recording(recordings):
     numbered, named = (json.loads(Path(name).read_text())['joints'] for name in (
         '2.json', 'iiwa_joint_2.json'))
     assert numbered == named
+    for joint in named.values():
+        low, high = joint['scale']['ci95']
+        assert low < joint['scale']['value'] < high
 
 
 @pytest.mark.parametrize(('change', 'message'), [
