@@ -48,7 +48,8 @@ def update(model: GravityModel, samples: JointSamples,
     """
     Update a model to samples recorded after a payload change, by a sparse change of a chain.
 
-    With known axes the dynamic torque of a nominal arm with the payload is subtracted first.
+    With known axes the dynamic torque of a nominal arm with the payload is subtracted first, or
+    that of the payload alone if the model has the dynamics of the arm.
 
     :param model: a chain, or a potential that a chain explains.
     :param samples: gated; joints are matched by name. Fifty (10 s at 5 Hz) are a good number.
@@ -98,13 +99,12 @@ def _update(model: GravityModel, measured: JointSamples, geometry: Geometry | No
     """Return the update, and the change with the noise of the model."""
     # Friction and offsets identified before the change are kept.
     with_dynamics = any(effects.has(DYNAMICS, None) for effects in (model.applied, model.fitted))
-    nominal = None if with_dynamics else geometry
     samples = replace(measured, tau=measured.tau - fitted_torque(model, measured))
     sigma = np.maximum(model.noise_with_nuisance, noise.floor(samples.tau))
     reversal = sigma ** 2 / (sigma ** 2 + reversal_std(model, measured) ** 2)
     new = _new_samples(model, samples, sigma, reversal)
-    if nominal is not None:
-        samples = _without_motion(model, samples, new, nominal)
+    if geometry is not None:
+        samples = _without_motion(model, samples, new, geometry, with_dynamics)
         new = _new_samples(model, samples, sigma, reversal)
     step = first = changed_model(model, new, geometry)
     sigma = _noise(step.model, samples, new)
@@ -129,16 +129,20 @@ def _new_samples(model: GravityModel, samples: JointSamples, sigma: FloatArray,
 
 
 def _without_motion(model: GravityModel, samples: JointSamples, new: NewSamples,
-                    geometry: Geometry) -> JointSamples:
+                    geometry: Geometry, with_dynamics: bool) -> JointSamples:
     """
     Subtract the dynamic torque of the nominal arm with the payload.
 
     Inertia would appear as a change of the moments: an acceleration of 0.1 rad/s^2 is like a
     degree of tilt.
+
+    :param with_dynamics: whether the torque is without that of the arm before the change.
     """
     assert model.chain is not None and model.covariance is not None
     loaded = estimate_payload(model.chain, model.covariance, new, geometry)
     nominal = nominal_parameters(geometry, loaded.chain.moments / STANDARD_GRAVITY)
+    if with_dynamics:
+        nominal -= nominal_parameters(geometry, model.chain.moments / STANDARD_GRAVITY)
     return replace(samples, tau=samples.tau - inverse_dynamics(
         geometry, samples.q, samples.qd, accelerations(samples), nominal))
 

@@ -6,8 +6,10 @@ from pathlib import Path
 from bench.cases.arms import generated_arm, small_motion
 from bench.shared.campaign import campaign
 from bench.shared.serial_arms import samples_of, worst
+from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
+from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError, FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_update import _spread
 from gravity_comp_ros.estimation.estimate import FitOptions
@@ -21,6 +23,7 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
+from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
 import numpy as np
 import pytest
 
@@ -29,6 +32,7 @@ LATER = motions.eq17(start=100.0).q
 IIWA = described_arm((Path(__file__).resolve().parents[3] / 'bags' / 'iiwa7.urdf').read_bytes(),
                      ARM.joints).geometry
 COM = (0.02, 0.03, 0.1)
+SLOW = motions.MultisineOptions(max_speed=0.1)
 
 
 def recorded(arm, q, seed: int = 1) -> JointSamples:
@@ -82,6 +86,22 @@ def test_intervals_cover_the_truth(old):
         limits = np.array([payload.mass.ci95, *(payload.centre[axis].ci95 for axis in 'xyz')])
         inside.append((limits[:, 0] <= truth) & (truth <= limits[:, 1]))
     assert np.mean(inside) >= 0.85
+
+
+def test_the_inertia_of_a_payload_is_not_taken_for_mass():
+    """The model has the dynamics of the arm; those of the payload are subtracted too."""
+    def moving(seed, duration, payload=None):
+        motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, seed, SLOW, duration, 50.0)
+        return synthesise(ARM, motion, SynthesisOptions(
+            NoiseOptions(0.0, 0.05), seed, payload=payload))
+
+    model = fit(moving(1, 100.0), FitOptions('chain', geometry=IIWA)).model
+    assert model.fitted.has(DYNAMICS, None)
+    for seed in (203, 205):
+        loaded = slow_samples(moving(seed, 40.0, Payload(3.0, (0.0, 0.0, 0.1)))).samples
+        mass = update(model, loaded, geometry=IIWA).report.payload.mass
+        assert mass.value == pytest.approx(3.0, rel=0.0025)
+        assert mass.ci95[0] < 3.0 < mass.ci95[1]
 
 
 def test_a_removed_payload_has_a_negative_mass(old):
