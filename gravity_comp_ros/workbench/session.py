@@ -200,8 +200,8 @@ class Session(State):
         elif isinstance(answer, Refit):
             names = answer.added
             name = ', '.join(names) if len(names) < 3 else f'{names[0]} and {len(names) - 1} more'
-            self._append(Stage(f'+ {name}', answer.model, job.choice, answer.added,
-                               warnings=tuple(answer.warnings())))
+            self._append(Stage(f'+ {name}', answer.model, job.choice, answer.added, warnings=(
+                *answer.warnings(), *Model(answer.model).warnings)))
         if job.step in (Step.READ, Step.LEARN, Step.ADD):
             self._save()
 
