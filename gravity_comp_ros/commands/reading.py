@@ -130,9 +130,8 @@ def arm_of_model(args: argparse.Namespace, model: GravityModel) -> DescribedArm:
 
 def fitted_gate(args: argparse.Namespace, model: GravityModel) -> GateOptions | None:
     """Return the gate of the arguments if they have one, else that of the fit of the model."""
-    given = arguments.gate(args)
-    fitted = model.provenance.get('gate')
-    if fitted is None or given != GateOptions() or args.max_speed is not None:
+    given, fitted = arguments.gate(args), model.provenance.get('gate')
+    if fitted is None or args.all_samples or args.max_speed or args.rate:
         return given
     return None if fitted['all_samples'] else GateOptions(fitted['max_speed'], fitted['rate_hz'])
 

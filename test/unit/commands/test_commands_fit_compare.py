@@ -83,6 +83,15 @@ def test_held_out_errors_of_fit_and_compare_agree(bags, capsys, tmp_path):
         assert compared['joints'][joint]['n'] == fitted['holdout']['n_samples']
 
 
+def test_a_named_gate_counts_more_than_that_of_the_fit(bags, capsys, tmp_path):
+    path = tmp_path / 'm.json'
+    run_json(capsys, 'fit', bags['train'], '--holdout', '0.25', '--rate', '2', '-o', path)
+    held_out = 'compare', bags['train'], '--model', path, '--holdout'
+    assert run_json(capsys, *held_out)['gate']['rate_hz'] == 2.0
+    # The default of the option is a choice too.
+    assert run_json(capsys, *held_out, '--rate', '5')['gate']['rate_hz'] == 5.0
+
+
 @pytest.fixture(scope='module')
 def scaled(bags, tmp_path_factory):
     path = str(tmp_path_factory.mktemp('scaled') / 'm.json')
