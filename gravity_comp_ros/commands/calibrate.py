@@ -91,10 +91,10 @@ def run(args: argparse.Namespace) -> Answer:
     option = '--effort-scale ' + ','.join(f'{joint}={scale.value:.5g}'
                                           for joint, scale in scales.items())
     document = {
-        'joints': {joint: {'scale': vars(scale), 'load_rms': result.load[joint],
+        'joints': {joint: {'scale': scale, 'load_rms': result.load[joint],
                            'rmse': result.rmse[joint]} for joint, scale in scales.items()},
         'left_out': result.left_out, 'option': option, 'link': weight.link, 'mass': weight.mass,
-        'centre': {axis: vars(x) for axis, x in result.centre.items()},
+        'centre': result.centre,
         'bags': [each.to_json() for each in reports]}
     centre = [] if weight.centre is not None else [
         f'centre of mass of the weight in the frame of {weight.link}: '
@@ -123,7 +123,7 @@ def _stiffness(args: argparse.Namespace) -> Answer:
                        else '1000000.0' for joint in model.joints)
     parameter = f'servo_stiffness: [{values}]'
     document = {
-        'joints': {joint: {'stiffness': vars(k), 'sag_rms': result.sag[joint],
+        'joints': {joint: {'stiffness': k, 'sag_rms': result.sag[joint],
                            'rmse': result.rmse[joint]} for joint, k in result.stiffness.items()},
         'left_out': result.left_out, 'option': parameter, 'model': args.model.name,
         'bags': [bag.to_json()]}

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
             next_command=diagnose)
     document = {**listed.to_json(), 'model': args.model.name, 'fitted_to': fitted,
                 'previous': None if since is None else {
-                    'model': args.previous.name, **since.to_json()}, **recording.to_json()}
+                    'model': args.previous.name, **vars(since)}, **recording.to_json()}
     few = not args.all_samples and samples.n_samples < FactOptions().min_slow_samples
     errors = listed.table(noise=dict(zip(model.joints, model.noise.tolist())))
     title = f'error of the model, {counted(samples.n_samples, "sample")}'

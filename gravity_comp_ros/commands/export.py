@@ -175,7 +175,7 @@ def _description(args: argparse.Namespace, model: GravityModel) -> Result:
             'files': [str(args.output)], 'effects': changed.effects, 'left_out': changed.left_out,
             'not_added': [effect.target for effect in written_friction(
                 _only_found(model), model.joints)],
-            'links': {name: vars(link) for name, link in changed.links.items()},
+            'links': changed.links,
             'difference': {joint: {'before': changed.before[joint], 'after': value}
                            for joint, value in changed.after.items()}}
 
@@ -203,7 +203,7 @@ def _payload(args: argparse.Namespace, model: GravityModel) -> Result:
     return listing, {
             'files': [], 'effects': [], 'left_out': {}, 'not_added': [],
             'warnings': [text for update in updates for text in update['warnings']],
-            'payload': {**payload.to_json(), 'lines': [vars(line) for line in lines]}}
+            'payload': {**vars(payload), 'lines': lines}}
 
 
 def _link_table(changed: ChangedDescription) -> Table:

@@ -20,7 +20,6 @@ fitted without the held-out data; `compare --holdout` uses that data.
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 from math import degrees
 from pathlib import Path
 import time
@@ -93,7 +92,7 @@ def run(args: argparse.Namespace) -> Answer:
     if refit:
         document |= {**refit.to_json(), 'warnings': warnings}
     for name, error in held_out.joints.items() if held_out else ():
-        document['joints'][name]['held_out'] = asdict(error)
+        document['joints'][name]['held_out'] = error
     # In the document they are part of the report.
     return Answer(document, _lines(args, learned, held_out, seconds),
                   [*(result.report.warnings if args.json != '-' else ()),

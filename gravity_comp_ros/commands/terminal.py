@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 import json
 import os
 from pathlib import Path
@@ -191,7 +191,9 @@ class Answer:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value that JSON does not know in JSON types."""
+    """Return a value that JSON does not know in JSON types; a dataclass is its fields."""
+    if is_dataclass(value):
+        return {each.name: getattr(value, each.name) for each in fields(value)}
     if isinstance(value, Mapping):
         return dict(value)
     if isinstance(value, (set, frozenset)):

@@ -103,7 +103,7 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> Answ
         'model': str(target), 'written': not args.dry_run, **result.report.to_json(),
         'effects': [effect.target for effect in result.model.applied.effects],
         'description': known.to_json(), 'warnings': warnings,
-        'flange': None if flange is None else flange.to_json(), **recording.to_json()}
+        'flange': flange, **recording.to_json()}
     drive = [] if flange is None else [f'for a drive: {flange.sentence()}']
     return Answer(document, [
         *reading.lines(recording), *known.notes, '', _joint_table(result),

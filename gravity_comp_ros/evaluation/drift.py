@@ -10,8 +10,7 @@ of the direction of motion leaves it as it is.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.option_checks import check_positive
@@ -71,11 +70,6 @@ class Drift:
 
     joints: Mapping[str, JointDrift]
     coefficients: tuple[CoefficientDrift, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the drift with plain numbers."""
-        return {'joints': {name: asdict(one) for name, one in self.joints.items()},
-                'coefficients': [asdict(one) for one in self.coefficients]}
 
 
 def drift(before: GravityModel, after: GravityModel, samples: JointSamples) -> Drift:

@@ -28,11 +28,6 @@ class Payload:
     mass: Quantity
     centre: Mapping[str, Quantity]
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the payload as plain numbers."""
-        return {'frame': self.frame, 'mass': vars(self.mass),
-                'centre': {axis: vars(x) for axis, x in self.centre.items()}}
-
     def sentence(self) -> str:
         """Return mass and centre with their 95 % intervals."""
         low, high = self.mass.ci95

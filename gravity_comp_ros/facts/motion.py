@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from gravity_comp_ros.data.gate import FAST, GateOptions, slow_samples
@@ -75,9 +75,9 @@ class RecordingFacts:
 
     def to_json(self) -> dict[str, Any]:
         """Return the facts as `info --json` prints them."""
-        return {'joints': {name: asdict(joint) for name, joint in self.joints.items()},
+        return {'joints': self.joints,
                 'slow_share': self.slow_share, 'kept': self.kept, 'at_rest': self.at_rest,
-                'remarks': list(self.remarks)}
+                'remarks': self.remarks}
 
 
 def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> RecordingFacts:

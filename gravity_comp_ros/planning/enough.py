@@ -13,7 +13,7 @@ Joints whose angle is a linear function of the other angles are named for themse
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
@@ -154,8 +154,8 @@ class Enough:
         """Return the entry `motion` of `info --json`."""
         return {'std': self.std, 'std_after': self.after, 'max_std': LIMITS.max_std,
                 'seconds': self.seconds, 'together_s': self.together,
-                'sweeps': [asdict(sweep) for sweep in self.sweeps],
-                'dependent': list(self.dependent), 'directions': self.directions,
+                'sweeps': self.sweeps,
+                'dependent': self.dependent, 'directions': self.directions,
                 'moving': self.moving}
 
 

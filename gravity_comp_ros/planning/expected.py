@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -145,9 +145,9 @@ class MotionPlan(Displayable):
     def to_json(self) -> dict[str, Any]:
         """Return the object of `plan --json`."""
         return {
-            'duration_s': self.trajectory.duration, 'joints': list(self.trajectory.joints),
+            'duration_s': self.trajectory.duration, 'joints': self.trajectory.joints,
             'start': self.trajectory.q[0].tolist(),
-            'parts': [{**asdict(part), 'sentence': part.sentence} for part in self.parts],
+            'parts': [{**vars(part), 'sentence': part.sentence} for part in self.parts],
             'expected': [expected.to_json() for expected in self.expectations],
-            'gravity': [asdict(each) for each in self.gravity],
-            'notes': list(self.notes)}
+            'gravity': self.gravity,
+            'notes': self.notes}
