@@ -64,10 +64,10 @@ def _findings(results: Results) -> str:
 
 def _finding(number: int, finding: Finding) -> str:
     alternatives = f'; alternative: {", ".join(finding.rivals)}' if finding.rivals else ''
-    values = coefficients(finding, _MAX_COEFFICIENTS)
+    values = f'{coefficients(finding, _MAX_COEFFICIENTS)}; ' if finding.coefficients else ''
     return (f'<p><b>{number}. {markup.text(finding.effect or "unexplained")}</b> on '
             f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
-            f'<span class="quiet">{markup.text(values)}; held-out error '
+            f'<span class="quiet">{markup.text(values)} held-out error '
             f'{markup.text(wording.change(finding) + alternatives)}</span></p>')
 
 
