@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     if args.html is not None:
         html.write_check(args, source, faults, errors, unchecked)
     document = {
-        'description': source, 'faults': [one.to_json() for one in faults],
+        'description': source, 'faults': faults,
         'joints': {joint: {'rmse': before, 'rmse_corrected': after, 'torque_rms': torque}
                    for joint, before, after, torque in zip(
                        result.joints, result.before, result.after, result.torque)},

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray
@@ -40,12 +39,6 @@ class Finding:
     ci95: tuple[float, float] | None
     evidence: float
     alternatives: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the finding ready for JSON."""
-        return {**vars(self), 'subjects': list(self.subjects),
-                'ci95': None if self.ci95 is None else list(self.ci95),
-                'alternatives': list(self.alternatives)}
 
 
 def findings(check: DescriptionCheck, arm: DescribedArm,
