@@ -37,6 +37,11 @@ class GateOptions:
     def __post_init__(self) -> None:
         check_positive(self, 'gate', *(n for n, x in vars(self).items() if x is not None))
 
+    @property
+    def limits(self) -> str:
+        """Return the thresholds of speed as text, in rad/s."""
+        return ', '.join(f'{speed:g}' for speed in np.ravel(self.max_speed))
+
     def speeds(self, n_joints: int) -> FloatArray:
         """
         Return the maximum speed of each joint, (N,) in rad/s.
@@ -151,11 +156,10 @@ def apply_gate(samples: JointSamples, options: GateOptions | None) -> GateResult
         return GateResult(with_accelerations(samples, samples), samples.n_samples, {}, None)
     result = slow_samples(samples, options)
     if not result.kept:
-        limit = options.max_speed
-        limits = f'{limit:g}' if isinstance(limit, float) else ', '.join(f'{x:g}' for x in limit)
         raise DataError(f'none of the {samples.n_samples} samples is slow (every joint under '
-                        f'{limits} rad/s): record slow motion, raise the limit (--max-speed, '
-                        f'GateOptions.max_speed), or use all samples (--all-samples, gate=None)')
+                        f'{options.limits} rad/s): record slow motion, raise the limit '
+                        f'(--max-speed, GateOptions.max_speed), or use all samples '
+                        f'(--all-samples, gate=None)')
     return result
 
 

@@ -75,9 +75,13 @@ def judge(signals: Signals, scale: FloatArray, missing: BoolArray, chosen: bool 
     q, wraps = outliers.unwrapped(signals)
     if wraps is not None and add(wraps):
         signals = replace(signals, q=q)
-    for step in _ROWS if len(signals) >= FACTS.min_samples else ():
+    for step in _ROWS:
+        if len(signals) < FACTS.min_samples:
+            break
         bad, of_rows = step(signals)
-        if of_rows is not None and add(of_rows):
+        if of_rows is not None and bad.all():
+            of_rows = replace(of_rows, action=Action.REFUSED, done='no sample is left')
+        if of_rows is not None and add(of_rows) and not bad.all():
             left_out[of_rows.kind] = int(bad.sum())
             signals = signals.keep(~bad)
     replaced, of_velocity = velocity_facts(signals, missing)

@@ -103,14 +103,12 @@ def _joint(samples: JointSamples, n: int, at_rest: bool) -> JointFacts:
 
 def _speed_facts(joints: dict[str, JointFacts], slow_share: float, kept: int, total: int,
                  options: GateOptions) -> list[Fact]:
-    limit = options.max_speed
-    limit_text = f'{limit:g} rad/s' if isinstance(limit, float | int) else 'its limit'
     if slow_share < FACTS.min_slow:
         fastest = max(joints, key=lambda name: joints[name].max_speed)
         return [_noted(
-            (), f'too fast: every joint is under {limit_text} in only {100 * slow_share:.1f} % of '
-            f'the samples ({kept} kept by the gate), {fastest} reaches '
-            f'{joints[fastest].max_speed:.2f} rad/s; the torque is gravity, friction and '
+            (), f'too fast: every joint is under {options.limits} rad/s in only '
+            f'{100 * slow_share:.1f} % of the samples ({kept} kept by the gate), {fastest} '
+            f'reaches {joints[fastest].max_speed:.2f} rad/s; the torque is gravity, friction and '
             f'inertia together', '`fit` can use it, with friction and inertia as nuisance '
             'terms, but gravity is more accurate from slow motion')]
     if kept < FACTS.min_slow_samples:

@@ -201,14 +201,15 @@ def workspace(samples: JointSamples, options: PlanOptions,
     low = samples.q.min(axis=0) if options.low is None else options.low
     high = samples.q.max(axis=0) if options.high is None else options.high
     start = options.start
+    for limit in (low, start):
+        if limit is not None and limit.shape != (samples.n_joints,):
+            raise OptionError(f'plan: {samples.n_joints} joints, but limits or start pose have '
+                              f'{limit.size}')
     if start is None:
         inside = poses[((poses >= low) & (poses <= high)).all(axis=1)]
         if not len(inside):
             raise OptionError('plan: no recorded pose lies within the position limits')
         start = inside[np.argmin(np.abs(inside - np.median(inside, axis=0)).max(axis=1))]
-    if start.shape != (samples.n_joints,) or low.shape != start.shape:
-        raise OptionError(f'plan: {samples.n_joints} joints, but limits or start pose have '
-                          f'{start.size}')
     space = Workspace(low, high, poses, options.reach, start, obstacles)
     if not space.admits(start[None]):
         raise OptionError('plan: the start pose is not admissible: it lies outside the position '

@@ -1,7 +1,7 @@
 """Slow-motion gate, decisions by hand, equal online and offline; differentiated positions."""
 
 from gravity_comp_ros.data.differentiation import differentiate
-from gravity_comp_ros.data.gate import FAST, Gate, GateOptions, RATE, slow_samples
+from gravity_comp_ros.data.gate import apply_gate, FAST, Gate, GateOptions, RATE, slow_samples
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 from hypothesis import given, strategies as st
@@ -44,6 +44,15 @@ def test_thresholds_for_another_arm_are_refused():
         Gate(2, GateOptions(max_speed=(0.1, 0.1, 0.1)))
     with pytest.raises(OptionError, match='3 values for 2 joints'):
         slow_samples(still([0.0]), GateOptions(max_speed=(0.1, 0.1, 0.1)))
+
+
+@pytest.mark.parametrize('speed', [1, 1.0, (1, 2.0)])
+def test_a_refusal_names_the_limits(speed):
+    t = np.arange(10) / 10.0
+    fast = JointSamples.single_run(['a', 'b'], t, *(np.full((10, 2), x) for x in (0.0, 3.0, 0.0)))
+    limits = '1, 2' if speed == (1, 2.0) else '1'
+    with pytest.raises(DataError, match=f'under {limits} rad/s'):
+        apply_gate(fast, GateOptions(max_speed=speed))
 
 
 @st.composite

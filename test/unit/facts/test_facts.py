@@ -135,6 +135,16 @@ def test_frozen_values_are_left_out(tmp_path):
     assert [fact.joints for fact in results] == [('lower',)]
 
 
+def test_a_recording_of_which_faults_leave_few_samples_or_none(tmp_path):
+    tau = TAU.copy()
+    tau[:2050, 1], tau[1950:, 2] = np.median(tau[2050:, 1]), np.median(tau[:1950, 2])
+    with pytest.raises(BagError, match='lower, upper stays exactly the same .* no sample is left'):
+        read(tmp_path, tau=tau)
+    assert len(read(tmp_path, tau=tau, refuse=False).samples) == COUNT
+    tau[:-2] = 0.0
+    assert len(read(tmp_path, tau=tau).samples) == 2
+
+
 @pytest.mark.parametrize('size', [0.0, 1e-309, 1e-9])
 def test_dead_efforts_are_refused(tmp_path, size):
     with pytest.raises(BagError, match='effort is 0 throughout, for every joint'):

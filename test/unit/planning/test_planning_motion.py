@@ -104,6 +104,7 @@ def test_custom_start_and_limits():
     beyond = PlanOptions(low=np.full(3, 5.0), high=np.full(3, 6.0))
     for wrong, message in ((PlanOptions(start=np.full(3, 9.0)), 'start pose is not admissible'),
                            (PlanOptions(start=np.zeros(2)), '3 joints'),
+                           (PlanOptions(low=np.zeros(2), high=np.ones(2)), '3 joints'),
                            (beyond, 'no recorded pose')):
         with pytest.raises(OptionError, match=message):
             plan(old, model(), [FRICTION], wrong)
