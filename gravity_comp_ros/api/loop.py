@@ -14,7 +14,6 @@ from gravity_comp_ros.api.steps import (
 from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
-from gravity_comp_ros.effects.registry import known_effect
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import MotionPlan
@@ -91,8 +90,6 @@ def diagnose(recording: Recording, model: Model | None = None, *,
     :raises OptionError: if an effect is unknown.
     :raises ModelMismatchError: if a joint of the model is missing in the recording.
     """
-    for name in effects or ():
-        known_effect(name)
     options = DiagnosisOptions(effects=None if effects is None else tuple(effects))
     return diagnose_recording(recording, model.gravity if model else None, options,
                               ArmOptions(ordered=True), progress).diagnosis

@@ -14,7 +14,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, JointReport
 from gravity_comp_ros.diagnosis.verdict import (
     DiagnosisOptions, Evidence, finding_of, finding_of_dynamics, unexplained)
-from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.registry import known_effect
 from gravity_comp_ros.estimation.estimate import Estimate, estimate
 from gravity_comp_ros.estimation.estimated_model import target_of
 from gravity_comp_ros.estimation.refit import fit_options_of
@@ -35,14 +35,14 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     :param model: the gravity model, including its effects; None fits one.
     :raises FitError: if there are too few samples.
     :raises ModelMismatchError: if a joint of the model is not among the samples.
+    :raises OptionError: if an effect of the model is not installed and `effects` are given.
     """
     report = progress or (lambda word, share: None)
     if model is not None:
         samples = samples.joints(model.joints)
     report('estimate', 0.0)
-    known = all_effects()
     effects = None if options.effects is None else [
-        known[name] for name in dict.fromkeys((*options.effects, *_names(model)))]
+        known_effect(name) for name in dict.fromkeys((*options.effects, *_names(model)))]
     estimated = estimate(samples, old=model, effects=effects) if model is None else estimate(
         samples, fit_options_of(model), old=model, effects=effects)
     report('verdicts', 0.7)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from gravity_comp_ros.data.constants import HALF_95
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Finding, FOUND, Verdict
-from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.registry import all_effects, known_effect
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import Estimate
 from gravity_comp_ros.estimation.estimated_model import (
     alternatives_of, gain_of_dynamics, has_dynamics, is_absorbed, motion_parameters, target_of,
@@ -44,7 +44,7 @@ class DiagnosisOptions:
     - `min_effective`: effective sample size that an established effect needs; intervals over
       fewer independent blocks are too narrow.
 
-    :raises OptionError: if a value is out of range.
+    :raises OptionError: if a threshold is not positive, or an effect is unknown.
     """
 
     effects: tuple[str, ...] | None = None
@@ -54,9 +54,9 @@ class DiagnosisOptions:
     min_effective: float = 20.0
 
     def __post_init__(self) -> None:
-        if min(self.established, self.min_reduction, self.min_remaining,
-               self.min_effective) < 0.0:
-            raise OptionError('diagnosis: thresholds are at least 0')
+        check_positive(self, 'diagnosis', *(name for name in vars(self) if name != 'effects'))
+        for name in self.effects or ():
+            known_effect(name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,10 @@ from gravity_comp_ros import Recording
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import conclude, diagnose
 from gravity_comp_ros.diagnosis.findings import FOUND, Verdict
+from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.effects.registry import library_effects, requests
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.estimation.refit import refit
@@ -51,6 +53,11 @@ def test_rounding_error_is_no_finding():
     clean = read_bag(BAGS / 'eq15_test.mcap').samples
     diagnosis = diagnose(concatenate([clean, clean]))
     assert not diagnosis.findings
+
+
+def test_an_unknown_effect_is_refused():
+    with pytest.raises(OptionError, match="no effect 'coulomb'"):
+        DiagnosisOptions(effects=('coulomb',))
 
 
 def on_elbow(reach, own, seed):
