@@ -17,19 +17,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.sums import BATCH, Sums
-from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.gains import shares_left
-from gravity_comp_ros.regression.shared import State
 from gravity_comp_ros.regression.term import Term
 import numpy as np
 from scipy.special import log_ndtr
 
 Terms = tuple[Term, ...]
-# Number of drawn results, and of poses over which the standard deviation of gravity is taken.
-_DRAWS, _POSES = 200, 300
+# Number of drawn results.
+_DRAWS = 200
 # A joint is uncertain if the standard deviation of its gravity exceeds this share of its torque
 # scale, and this multiple of the noise of a row.
 _MIN_OF_TORQUE, _MIN_OF_NOISE = 0.01, 0.5
@@ -131,60 +129,16 @@ class Question:
 
 
 @dataclass(frozen=True, eq=False)
-class Gravity:
-    """
-    Standard deviation of the gravity torque over the recorded poses (V-optimality).
-
-    `joints` are the uncertain ones, the largest first; `mean_square` (N, P, P) the means over the
-    poses of the outer products of the derivatives of a joint's gravity by the shared parameters;
-    `now` (N,) the present standard deviations in N·m.
-    """
-
-    sums: Sums
-    mean_square: FloatArray
-    now: FloatArray
-    joints: tuple[int, ...]
-
-    @classmethod
-    def of(cls, regression: Regression, all_joints: bool) -> Gravity | None:
-        """Return the question of a regression; None if no joint is uncertain."""
-        problem = regression.problem
-        q = problem.samples.q[evenly_picked(problem.samples.n_samples, _POSES)]
-        columns = regression.shared.columns(State(q, 0.0 * q, 0.0 * q))
-        sums = Sums(regression, regression.terms, 0.0)
-        columns = columns @ sums.root
-        square = np.einsum('pni,pnj->nij', columns, columns) / len(q)
-        std = cls(sums, square, np.zeros(0), ()).std(sums.recorded[None])[0]
-        limit = np.maximum(_MIN_OF_TORQUE * problem.scale.torque,
-                           _MIN_OF_NOISE * regression.noise)
-        joints = [int(n) for n in np.argsort(-std) if all_joints or std[n] > limit[n]]
-        return cls(sums, square, std, tuple(joints)) if joints else None
-
-    def std(self, a: FloatArray) -> FloatArray:
-        """Return the standard deviations (C, N) in N·m at sums (C, L, L)."""
-        here, p = self.sums.places(self.sums.regression.terms), self.sums.n_shared
-        precision = a[:, here[:, None], here] + np.diag(self.sums.std[here] ** -2.0)
-        variance = np.einsum('cij,nji->cn', np.linalg.inv(precision)[:, :p, :p],
-                             self.mean_square, optimize=True)
-        return np.asarray(np.sqrt(np.maximum(variance, 1e-24)))
-
-    def after(self, added: FloatArray) -> list[tuple[int, float, float]]:
-        """Return uncertain joints with their standard deviation before and after a motion."""
-        (after,) = self.std((self.sums.recorded + added)[None])
-        return [(n, float(self.now[n]), float(after[n])) for n in self.joints]
-
-    def utility(self, a: FloatArray) -> FloatArray:
-        """Return the utility (C,) of sums (C, L, L)."""
-        return np.asarray(-np.log(self.std(a)[:, list(self.joints)]).mean(axis=1))
-
-
-@dataclass(frozen=True, eq=False)
 class Criterion:
-    """Utility of sums: the sum of those of some questions, and of gravity."""
+    """
+    Utility of sums: that of each question, and that of a smaller uncertainty of gravity.
+
+    `joints` are those whose gravity is uncertain; the mean of ln std over them counts.
+    """
 
     sums: Sums
     questions: tuple[Question, ...]
-    gravity: Gravity | None
+    joints: tuple[int, ...]
 
     def utility(self, a: FloatArray) -> FloatArray:
         """Return the utility (C,) of sums (C, L, L)."""
@@ -196,7 +150,21 @@ class Criterion:
         if self.questions:
             marginal = eliminated(a, shared, terms, self.sums.std)
             total += sum(question.utility(marginal) for question in self.questions)
-        return total if self.gravity is None else total + self.gravity.utility(a)
+        if self.joints:
+            total -= np.log(self.sums.gravity_std(a)[:, list(self.joints)]).mean(axis=1)
+        return total
+
+
+def uncertain_joints(sums: Sums, is_every: bool) -> tuple[int, ...]:
+    """
+    Return the joints whose gravity the recordings leave uncertain, the most uncertain first.
+
+    :param is_every: whether to return all joints.
+    """
+    problem, (std,) = sums.regression.problem, sums.gravity_std(sums.recorded[None])
+    limit = np.maximum(_MIN_OF_TORQUE * problem.scale.torque,
+                       _MIN_OF_NOISE * sums.regression.noise)
+    return tuple(n for n in np.argsort(-std).tolist() if is_every or std[n] > limit[n])
 
 
 def eliminated(a: FloatArray, gone: IntArray, kept: IntArray, std: FloatArray) -> FloatArray:

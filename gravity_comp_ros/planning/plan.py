@@ -15,14 +15,14 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.collision import SelfCollision
-from gravity_comp_ros.planning.criterion import Criterion, Gravity, Question
+from gravity_comp_ros.planning.criterion import Criterion, Question, uncertain_joints
 from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, MotionPlan, PlannedPart)
 from gravity_comp_ros.planning.questions import (
     ambiguous_with, MAX_TARGETS, named_targets, open_targets, questions_of)
 from gravity_comp_ros.planning.selection import Part, Selection, strokes
-from gravity_comp_ros.planning.sums import joined, motion_of
-from gravity_comp_ros.planning.workspace import PlanOptions, sampled, Workspace, workspace
+from gravity_comp_ros.planning.sums import joined, motion_of, Sums
+from gravity_comp_ros.planning.workspace import PlanOptions, sampled, workspace
 from gravity_comp_ros.regression.engine import Regression
 from gravity_comp_ros.regression.term import Key
 import numpy as np
@@ -59,54 +59,46 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[str] | No
                              old=model)
     report('plan', 0.3)
     regression = estimated.regression
+    joints = uncertain_joints(Sums(regression, regression.terms, options.duration),
+                              targets is not None)
     if named is None:
-        gravity = Gravity.of(regression, False)
         named = open_targets(regression, diagnosis or conclude(estimated, model))
-        named = named[:MAX_TARGETS - (gravity is not None)]
-    else:
-        gravity = Gravity.of(regression, True) if GRAVITY in (targets or ()) else None
-    if not named and gravity is None:
+        named = named[:MAX_TARGETS - bool(joints)]
+    elif GRAVITY not in (targets or ()):
+        joints = ()
+    if not (named or joints):
         raise OptionError('plan: no target is open; name the effects to resolve')
-    criterion, parts, notes = _alternatives(space, model, regression, named, gravity, options)
+    parts = strokes(space, model, _joints(regression, named, joints), options)
+    if not parts:
+        raise OptionError('plan: within the limits no joint of the targets can move; the '
+                          'recorded range may be too narrow')
+    # Priors and settings follow from all candidates as one motion.
+    sums, questions, notes = questions_of(
+        regression, named, [line for part in parts for line in part.lines], options.duration)
     report('plan', 0.5)
-    selection = Selection(space, criterion, parts, options.duration)
+    selection = Selection(space, Criterion(sums, questions, joints), parts, options.duration)
     if not selection.parts:
         raise OptionError(f'plan: within these limits no motion of {options.duration:g} s adds '
                           f'enough information to the recordings: raise the duration, the speed '
                           f'or the reach, or widen the position limits')
     motion, times = selection.motion()
     t, (q, qd, qdd) = sampled(motion, options.rate)
-    added = criterion.sums.added([motion])[0]
+    added = sums.added([motion])[0]
     both = joined(regression, motion_of(regression, [motion]))
-    expected = tuple(_expectation(question, both, added) for question in criterion.questions)
+    expected = tuple(_expectation(question, both, added) for question in questions)
     report('plan', 1.0)
     notes += [_unlikely(one) for one in expected if not one.is_likely]
-    uncertain = [] if criterion.gravity is None else criterion.gravity.after(added)
+    before, after = sums.gravity_std(np.stack([sums.recorded, sums.recorded + added])).tolist()
     return MotionPlan(Trajectory(model.joints, t, q, qd, qdd),
                       _planned_parts(selection.parts, times, model.joints), expected,
-                      tuple(notes), tuple(GravityExpectation(model.joints[n], before, after)
-                                          for n, before, after in uncertain))
+                      tuple(notes), tuple(GravityExpectation(model.joints[n], before[n], after[n])
+                                          for n in joints))
 
 
-def _alternatives(space: Workspace, model: GravityModel, regression: Regression,
-                  targets: Sequence[Key], gravity: Gravity | None, options: PlanOptions
-                  ) -> tuple[Criterion, list[Part], list[str]]:
-    """Return the criterion, the candidate parts, and why some targets have no question."""
-    parts = strokes(space, model, _joints(regression, targets, gravity), options)
-    if not parts:
-        raise OptionError('plan: within the limits no joint of the targets can move; the '
-                          'recorded range may be too narrow')
-    # Priors and settings follow from all candidates as one motion.
-    sums, questions, notes = questions_of(
-        regression, targets, [line for part in parts for line in part.lines], options.duration)
-    gravity = None if gravity is None else replace(gravity, sums=sums)
-    return Criterion(sums, questions, gravity), parts, notes
-
-
-def _joints(regression: Regression, targets: Sequence[Key], gravity: Gravity | None
+def _joints(regression: Regression, targets: Sequence[Key], uncertain: Sequence[int]
             ) -> list[int]:
-    """Return the joints of targets and alternatives, all for a target of the whole arm."""
-    joints = [*(gravity.joints if gravity is not None else ())]
+    """Return uncertain joints, then those of targets and alternatives, all for the whole arm."""
+    joints = [*uncertain]
     for key in targets:
         joints += range(regression.problem.samples.n_joints) if key[1] is None else [key[1]]
         joints += [joint for _, joint in ambiguous_with(regression, key) if joint is not None]

@@ -13,9 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 from gravity_comp_ros.data.runs import median_interval
-from gravity_comp_ros.data.samples import concatenate, FloatArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import (
+    concatenate, evenly_picked, FloatArray, IntArray, JointSamples)
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.workspace import Line, sampled
 from gravity_comp_ros.regression.engine import Regression
@@ -31,6 +33,8 @@ Path = Sequence[Line]
 _PER_ROW = 3
 # Motions whose sums are computed, and scored, together, which bounds the memory.
 BATCH = 32
+# Number of poses over which the standard deviation of gravity is taken.
+_POSES = 300
 # Assumed pause between the last recording and the planned motion, s.
 _PAUSE = 60.0
 
@@ -111,6 +115,30 @@ class Sums:
             units = block_diag(self.root, np.eye(len(columns) - p))
             self.recorded[np.ix_(places, places)] += weight * (
                 units.T @ design.gram[j][np.ix_(columns, columns)] @ units)
+
+    @cached_property
+    def _gravity(self) -> FloatArray:
+        """
+        Return products (N, P, P) of the derivatives of each joint's gravity by shared parameters.
+
+        They are means over the recorded poses.
+        """
+        samples = self.regression.problem.samples
+        q = samples.q[evenly_picked(samples.n_samples, _POSES)]
+        columns = self.regression.shared.columns(State(q, 0.0 * q, 0.0 * q)) @ self.root
+        return np.asarray(np.einsum('pni,pnj->nij', columns, columns) / len(q))
+
+    def gravity_std(self, a: FloatArray) -> FloatArray:
+        """
+        Return the standard deviation (C, N) in N·m of gravity over the recorded poses (RMS).
+
+        :param a: sums (C, L, L).
+        """
+        here, p = self.places(self.regression.terms), self.n_shared
+        precision = a[:, here[:, None], here] + np.diag(self.std[here] ** -2.0)
+        variance = np.einsum('cij,nji->cn', np.linalg.inv(precision)[:, :p, :p], self._gravity,
+                             optimize=True)
+        return np.asarray(np.sqrt(np.maximum(variance, 1e-24)))
 
     def at(self, terms: Sequence[Term]) -> IntArray:
         """Return the numbers of the coefficients of some terms."""
