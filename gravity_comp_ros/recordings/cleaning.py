@@ -87,10 +87,14 @@ class Cleaning:
         self.dropped.update(judged.left_out)
         self.facts += judged.facts
         self._refuse()
-        samples, isolated = _samples(judged.signals, path, start / 1e9)
-        if isolated:
-            self.dropped[ISOLATED] += isolated
-        first = int(self.times[judged.signals.rows[0]]) if len(judged.signals) else start
+        finite: BoolArray = np.asarray(np.isfinite(judged.signals.qd).all(axis=1))
+        if not finite.any():
+            raise BagError(f'{path} has no usable message: no sample has a velocity')
+        if not finite.all():
+            self.dropped[ISOLATED] += int(np.count_nonzero(~finite))
+        kept = judged.signals.keep(finite)
+        first = int(self.times[kept.rows[0]])
+        samples = _samples(kept, path, start / 1e9)
         steps = np.diff(samples.t)
         return Recording(samples, ReadReport(
             path, topic, n_messages, len(samples), dict(self.dropped),
@@ -194,24 +198,20 @@ class Cleaning:
         self.times = clock[rising]
 
 
-def _samples(signals: Signals, path: Path, start: float) -> tuple[JointSamples, int]:
+def _samples(signals: Signals, path: Path, start: float) -> JointSamples:
     """
-    Return the samples with time 0 at the first one, and the number of those without velocity.
+    Return the samples with time 0 at the first one.
 
     :param start: time on the clock in s at which t of the signals is 0.
     """
-    finite: BoolArray = np.asarray(np.isfinite(signals.qd).all(axis=1))
-    kept = signals.keep(finite)
-    arrays = [kept.t - kept.t[0], kept.q, kept.qd, kept.tau] if len(kept) else []
-    if not arrays:
-        raise BagError(f'{path} has no usable message: no sample has a velocity')
+    arrays = [signals.t - signals.t[0], signals.q, signals.qd, signals.tau]
     for number, values in enumerate(arrays):
+        # Read-only arrays that own their memory are not copied again.
         arrays[number] = values = values.copy() if values.base is not None else values
         values.flags.writeable = False
     t, q, qd, tau = arrays
-    samples = JointSamples.single_run(kept.names, t, q, qd, tau,
-                                      path.name or path.resolve().name, start + float(kept.t[0]))
-    return samples, int(np.count_nonzero(~finite))
+    return JointSamples.single_run(signals.names, t, q, qd, tau,
+                                   path.name or path.resolve().name, start + float(signals.t[0]))
 
 
 def _rising(values: NDArray[np.int64]) -> BoolArray:

@@ -298,14 +298,19 @@ def test_velocity_0_of_a_joint_at_rest_is_no_fact(tmp_path):
     assert read_bag(recorded(tmp_path, rows)).report.facts == ()
 
 
-def test_an_isolated_sample_is_dropped(tmp_path):
+@pytest.mark.parametrize('isolated', [0, 50])
+def test_an_isolated_sample_is_dropped(tmp_path, isolated):
     rows = messages(100)
     for number, row in enumerate(rows):
         row[1]['velocity'] = []
-        row[1]['stamp_ns'] += 10**10 * ((number >= 50) + (number >= 51))
+        row[1]['stamp_ns'] += 10**10 * ((number >= isolated) + (number > isolated))
     recording = read_bag(recorded(tmp_path, rows))
     assert dict(recording.report.dropped) == {cleaning.ISOLATED: 1}
     assert len(recording.samples) == 99
+    # The start is that of the first sample.
+    first = rows[isolated == 0][1]['stamp_ns']
+    assert recording.report.start_ns == first
+    assert recording.samples.starts[0] == pytest.approx(first / 1e9, abs=1e-6)
 
 
 def topic(name, effort=TAU):
