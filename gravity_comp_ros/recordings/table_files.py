@@ -200,7 +200,11 @@ def read_parquet(path: Path) -> Table:
 
 
 def _parquet_columns(table: Any, names: dict[str, list[str]]) -> dict[str, FloatArray]:
-    """Return the columns of numbers by name; lists are expanded, but those of actions."""
+    """
+    Return the columns of numbers by name; lists are expanded, but those of actions.
+
+    Dates and durations are in s, as those of text files.
+    """
     def expanded(key: str, count: int) -> list[str]:
         known, what = names.get(key, []), _WHAT.get(key.rsplit('.', 1)[-1], key)
         if len(known) != count:
@@ -213,9 +217,16 @@ def _parquet_columns(table: Any, names: dict[str, list[str]]) -> dict[str, Float
         values: Any = table[key].to_numpy() if len(table) else np.empty(0)
         if values.dtype == object:
             try:
-                values = np.stack([np.asarray(each, dtype=np.float64) for each in values])
+                rows = [np.asarray(each, dtype=np.float64) for each in values]
+                # A missing list is a number that is not known.
+                shape = max(row.shape for row in rows)
+                values = np.stack([row if row.ndim else np.broadcast_to(row, shape)
+                                   for row in rows])
             except (ValueError, TypeError):
                 continue
+        if values.dtype.kind in 'mM':
+            seconds = values.astype(f'{values.dtype.kind}8[ns]').astype(np.int64) / 1e9
+            values = np.where(np.isnat(values), np.nan, seconds)
         if values.dtype.kind not in 'fiu':
             continue
         if values.ndim == 1:

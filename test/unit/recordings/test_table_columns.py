@@ -197,6 +197,22 @@ def test_a_data_set_without_torque_is_refused(tmp_path):
         read_table(folder)
 
 
+def test_dates_and_missing_lists_of_a_parquet_file(tmp_path):
+    pyarrow = pytest.importorskip('pyarrow')
+    from pyarrow import parquet
+    path, t = tmp_path / 'x.parquet', 0.02 * np.arange(100)
+    stamps = np.datetime64('2024-05-01T10:00:00', 'ns') + (t * 1e9).astype('timedelta64[ns]')
+    lists = [[x, 2.0 * x] for x in np.sin(t).tolist()]
+    columns = {'time': pyarrow.array(stamps, pyarrow.timestamp('ns', 'UTC')), 'effort': lists}
+    parquet.write_table(pyarrow.table({**columns, 'position': lists}), path)
+    converted = read_table(path)
+    assert converted.start_ns == pytest.approx(1714557600 * 10**9, abs=1000)
+    np.testing.assert_allclose(converted.topic.t, t, atol=1e-6)
+    parquet.write_table(pyarrow.table({**columns, 'position': [None, *lists[1:]]}), path)
+    with pytest.raises(BagError, match='row 1, column position_1: empty or not a number'):
+        read_table(path)
+
+
 def test_a_damaged_parquet_file_is_refused(tmp_path):
     pytest.importorskip('pyarrow')
     (tmp_path / 'x.parquet').write_bytes(b'PAR1 nothing')
