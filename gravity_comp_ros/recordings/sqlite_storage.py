@@ -15,6 +15,8 @@ from gravity_comp_ros.recordings.messages import Batch, batched, Storage, Stored
 
 _SELECT = ('SELECT messages.timestamp, messages.data, messages.id FROM messages JOIN topics '
            'ON messages.topic_id = topics.id WHERE topics.name = ?')
+# Errors of a damaged file; its names may be no text, in the messages of sqlite too.
+_FAULTS = (sqlite3.Error, UnicodeDecodeError)
 # Numbers of messages are below.
 _END = 2 ** 63
 
@@ -37,14 +39,14 @@ class SqliteStorage(Storage):
         try:
             self._base = sqlite3.connect(
                 f'file:{quote(str(path.resolve()))}?mode=ro{immutable}', uri=True)
-        except sqlite3.Error as error:
+        except _FAULTS as error:
             raise self._unreadable(error) from None
         try:
             self.topics = self._read_topics()
         except BagError:
             self._base.close()
             raise
-        except sqlite3.Error as error:
+        except _FAULTS as error:
             self.topics = self._topics_of_part(error)
 
     def batches(self, topic: str) -> Iterator[Batch]:
@@ -65,7 +67,7 @@ class SqliteStorage(Storage):
                     yield stamp, data
                     start, step, gap = number + 1, 1, None
                 break
-            except sqlite3.Error as error:
+            except _FAULTS as error:
                 # Messages of the same page are not readable either.
                 gap = start if gap is None else gap
                 start, step, damage = start + step, 2 * step, error
@@ -81,7 +83,7 @@ class SqliteStorage(Storage):
         try:
             for stamp, data, _ in self._numbered(topic, first, end, 'DESC'):
                 rows.append((stamp, data))
-        except sqlite3.Error:
+        except _FAULTS:
             pass
         return rows[::-1]
 
@@ -108,12 +110,12 @@ class SqliteStorage(Storage):
             topics[StoredTopic(*map(str, words))] += self._count(number)
         return topics
 
-    def _topics_of_part(self, error: sqlite3.Error) -> Counter[StoredTopic]:
+    def _topics_of_part(self, error: Exception) -> Counter[StoredTopic]:
         """Return the topics of a file that is shorter than its header says."""
         try:
             self._base.execute('PRAGMA writable_schema = ON')
             return self._read_topics()
-        except (sqlite3.Error, BagError):
+        except (*_FAULTS, BagError):
             self._base.close()
             raise BagError(
                 f'{self._path} cannot be read: the page of its tables is destroyed ({error}); '
@@ -125,10 +127,10 @@ class SqliteStorage(Storage):
         try:
             return int(self._base.execute(
                 'SELECT count(*) FROM messages WHERE topic_id = ?', (topic,)).fetchone()[0])
-        except sqlite3.DatabaseError:
+        except _FAULTS:
             return 1
 
-    def _unreadable(self, error: sqlite3.Error) -> BagError:
+    def _unreadable(self, error: Exception) -> BagError:
         return BagError(f'{self._path} cannot be read as a rosbag2 database: {error}')
 
 

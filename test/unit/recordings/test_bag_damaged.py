@@ -120,6 +120,13 @@ def test_a_db3_without_its_schema_names_a_tool(db3):
     assert f'`sqlite3 {db3} .recover`' in refusal(db3)
 
 
+def test_a_db3_with_a_schema_that_is_no_text(db3):
+    whole = db3.read_bytes()
+    assert whole.count(b'CREATE TABLE messages') == 1
+    db3.write_bytes(whole.replace(b'CREATE TABLE messages', b'CREATE TABL\x92 messages'))
+    assert 'cannot be read' in refusal(db3)
+
+
 def test_flipped_bytes_of_a_db3_never_crash(db3):
     whole = db3.read_bytes()
     rng = np.random.default_rng(0)
