@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gravity_comp_ros.data.runs import median_interval, numbers_in, run_slices
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,20 +86,19 @@ _MIN_SPANS = 20
 _MIN_RATIO, _MAX_RATIO, _MIN_LIKENESS = 0.5, 2.0, 0.6
 
 
-def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray,
-                 runs: IntArray | None = None) -> tuple[FloatArray, FloatArray]:
+def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray
+                 ) -> tuple[FloatArray, FloatArray]:
     """
     Return the ratio of qd to dq/dt of each joint (N,), and their correlation (N,).
 
     NaN if a joint moves too little, or if all velocities are 0.
 
-    :param t: times (M,) in s, rising within a run; q, qd (M, N).
-    :param runs: run number of each sample (M,), None for one run.
+    :param t: times (M,) in s of one run; q, qd (M, N).
     """
     ratio = np.full(q.shape[1], np.nan)
     likeness = ratio.copy()
     steps = np.diff(t)
-    rising = steps > 0 if runs is None else np.diff(runs) == 0
+    rising = steps > 0
     if not rising.any() or not np.nan_to_num(qd).any():
         return ratio, likeness
     median_step = float(np.median(steps[rising]))

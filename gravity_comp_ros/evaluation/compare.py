@@ -18,14 +18,15 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class RegionOptions:
+class ComparisonOptions:
     """
-    Constants of the regions of large residual.
+    Constants of the regions of large residual, and of the drift between models.
 
     - `min_ratio`: of a region's RMSE to that of the other samples.
     - `min_samples`: inside and outside; of a region that is visited once three times as many.
     - `max_regions`: number that is reported; `bins`: parts of each range.
     - `rest_speed`, rad/s: maximum speed of a joint at rest.
+    - `significance`: size of a drift in standard deviations of both models.
 
     :raises OptionError: if a number is not positive.
     """
@@ -35,12 +36,13 @@ class RegionOptions:
     max_regions: int = 3
     bins: int = 6
     rest_speed: float = 1e-3
+    significance: float = 3.0
 
     def __post_init__(self) -> None:
-        check_positive(self, 'regions')
+        check_positive(self, 'comparison')
 
 
-REGIONS = RegionOptions()
+COMPARISON = ComparisonOptions()
 
 
 @dataclass(frozen=True)
@@ -79,17 +81,17 @@ def find_regions(samples: JointSamples, predicted: FloatArray, outside: BoolArra
     worst: dict[str, ResidualRegion] = {}
     for axis, low, high, text, mask in _candidates(samples, predicted, outside, joint):
         n = int(mask.sum())
-        if min(n, len(mask) - n) < REGIONS.min_samples:
+        if min(n, len(mask) - n) < COMPARISON.min_samples:
             continue
         rmse, elsewhere = (float(np.sqrt((residual[m] ** 2).mean())) for m in (mask, ~mask))
         ratio = rmse / max(elsewhere, 1e-12)
         is_worst = axis not in worst or ratio > worst[axis].ratio
-        if (ratio >= REGIONS.min_ratio and is_worst
+        if (ratio >= COMPARISON.min_ratio and is_worst
                 and _is_repeated(samples, residual, mask, elsewhere)):
             worst[axis] = ResidualRegion(
                 axis, low, high, n, rmse, float(residual[mask].mean()), ratio,
                 f'{text}: RMSE {rmse:.3g} N·m, {ratio:.1f} times elsewhere ({n} samples)')
-    return sorted(worst.values(), key=lambda each: -each.ratio)[:REGIONS.max_regions]
+    return sorted(worst.values(), key=lambda each: -each.ratio)[:COMPARISON.max_regions]
 
 
 def _is_repeated(samples: JointSamples, residual: FloatArray, mask: BoolArray,
@@ -98,7 +100,7 @@ def _is_repeated(samples: JointSamples, residual: FloatArray, mask: BoolArray,
     border = np.flatnonzero(np.diff(mask.astype(int)) | np.diff(samples.runs)) + 1
     visits = [part for part in np.split(np.arange(len(mask)), border) if mask[part[0]]]
     if len(visits) < 2:
-        return int(mask.sum()) >= 3 * REGIONS.min_samples
+        return int(mask.sum()) >= 3 * COMPARISON.min_samples
     return bool(np.median([(residual[part] ** 2).mean() for part in visits]) > elsewhere ** 2)
 
 
@@ -106,9 +108,9 @@ def _candidates(samples: JointSamples, predicted: FloatArray, outside: BoolArray
                 joint: int) -> Iterator[_Candidate]:
     q, qd = samples.q[:, joint], samples.qd[:, joint]
     yield from _bins('position', q, 'at {:.2f} to {:.2f} rad')
-    yield ('direction', None, None, 'moving up', qd > REGIONS.rest_speed)
-    yield ('direction', None, None, 'moving down', qd < -REGIONS.rest_speed)
-    yield ('direction', None, None, 'standing still', np.abs(qd) <= REGIONS.rest_speed)
+    yield ('direction', None, None, 'moving up', qd > COMPARISON.rest_speed)
+    yield ('direction', None, None, 'moving down', qd < -COMPARISON.rest_speed)
+    yield ('direction', None, None, 'standing still', np.abs(qd) <= COMPARISON.rest_speed)
     yield from _bins('speed', np.abs(qd), 'at a speed of {:.3f} to {:.3f} rad/s')
     yield from _bins('load', predicted[:, joint], 'at a load of {:.1f} to {:.1f} N·m')
     yield ('trained range', None, None, 'outside the trained range', outside)
@@ -121,7 +123,7 @@ def _candidates(samples: JointSamples, predicted: FloatArray, outside: BoolArray
 
 def _bins(axis: str, values: FloatArray, text: str) -> Iterator[_Candidate]:
     """Yield bins of equal width, not of equal sample numbers."""
-    count = REGIONS.bins
+    count = COMPARISON.bins
     if np.ptp(values) <= 0.0:
         return
     edges = np.linspace(values.min(), values.max(), count + 1)

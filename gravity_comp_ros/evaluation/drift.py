@@ -13,30 +13,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.constants import HALF_95
-from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import LAW_UNITS
 from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.evaluation.compare import COMPARISON
 from gravity_comp_ros.models.applied_effects import AppliedEffect, Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
-
-
-@dataclass(frozen=True)
-class DriftOptions:
-    """
-    `significance` is the size of a drift in standard deviations of both models.
-
-    :raises OptionError: if it is not positive.
-    """
-
-    significance: float = 3.0
-
-    def __post_init__(self) -> None:
-        check_positive(self, 'drift')
-
-
-DRIFT = DriftOptions()
 
 
 @dataclass(frozen=True)
@@ -88,7 +71,7 @@ def drift(before: GravityModel, after: GravityModel, samples: JointSamples) -> D
         rms = float(np.sqrt((change[:, k] ** 2).mean()))
         error = None if std is None else float(std[k])
         joints[name] = JointDrift(rms, float(change[:, k].mean()), error,
-                                  error is not None and rms > DRIFT.significance * error)
+                                  error is not None and rms > COMPARISON.significance * error)
     return Drift(joints, tuple(_coefficients(before, after)))
 
 
@@ -130,4 +113,4 @@ def _has_drifted(before: Quantity | None, after: Quantity | None) -> bool:
     values = [0.0 if x is None else x.value for x in (before, after)]
     halves = [x.half for x in (before, after) if x is not None]
     return bool(abs(values[1] - values[0])
-                > DRIFT.significance / HALF_95 * float(np.linalg.norm(halves)))
+                > COMPARISON.significance / HALF_95 * float(np.linalg.norm(halves)))

@@ -12,7 +12,7 @@ from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.evaluation.compare import Comparison, REGIONS
+from gravity_comp_ros.evaluation.compare import COMPARISON, Comparison
 from gravity_comp_ros.facts.motion import describe, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.history import now
@@ -151,7 +151,7 @@ class Table:
         data: dict[str, NDArray[Any]] = {'t': self.column(time)}
         for n in contents.numbers:
             speed = samples.qd[:, n]
-            direction = np.where(np.abs(speed) <= REGIONS.rest_speed, 0.0, np.sign(speed))
+            direction = np.where(np.abs(speed) <= COMPARISON.rest_speed, 0.0, np.sign(speed))
             data |= {f'q{n}': self.column(samples.q[:, n]), f'v{n}': self.column(speed),
                      f'd{n}': self.column(direction), f'm{n}': self.column(samples.tau[:, n]),
                      f'p{n}': self.column(contents.predicted[:, n]),
