@@ -78,7 +78,8 @@ def model_status(models: ModelHistory, now: float, no_arm: str) -> Status:
     :param no_arm: the reason why messages name no arm, empty if there is none.
     """
     values, entry = {'earlier models': str(len(models.past))}, models.entry
-    problem, text = models.problem or no_arm, 'no model yet: no torque is published'
+    problem = models.problem or models.load_problem or no_arm
+    text = 'no model yet: no torque is published'
     if entry is not None:
         values['age [s]'], text = f'{max(0.0, now - entry.since):.1f}', entry.describe()
     return Status('model', (OK if entry else WARN) + bool(problem), problem or text, values)

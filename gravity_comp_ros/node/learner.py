@@ -198,12 +198,15 @@ class Learner:
                         epoch.number)
         past = self.models.past
         self.arm.use(model, past[-1].model if past else None, model.coverage.n_samples)
-        self.models.problem = ''
         self._save()
 
     def _save(self) -> None:
-        """Write the model in use with `auto_save`: a restart must not use another one."""
-        if self.arm.settings.auto_save and self.models.path:
+        """
+        Write the model in use with `auto_save`: a restart must not use another one.
+
+        A file that could not be loaded stays: it may be the model of another arm.
+        """
+        if self.arm.settings.auto_save and self.models.path and not self.models.load_problem:
             self.models.save(lambda success, text: self._events.log.append((not success, text)))
 
     def _refuse(self, result: FitResult, now: float) -> None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from os.path import expanduser
-from pathlib import Path
 from threading import Thread
 
-from gravity_comp_ros.errors import ModelFileError, ModelMismatchError
+from gravity_comp_ros.errors import ModelFileError
 from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -52,8 +51,8 @@ class ModelHistory:
         self.entry: Entry | None = None
         # The last model of each earlier payload.
         self.past: list[Entry] = []
-        # Error of loading the file, or of the last save.
-        self.problem = ''
+        # Error of the last save, and of loading the file, which is then written on request only.
+        self.problem = self.load_problem = ''
         # The thread of the last save.
         self._writer: Thread | None = None
 
@@ -84,19 +83,23 @@ class ModelHistory:
 
     def load(self, joints: tuple[str, ...], now: float) -> None:
         """
-        Take the model of the file into use, if the file exists.
+        Take the model of the file into use, if the file exists; errors go to `load_problem`.
 
         :param joints: the joints that the model must have, in this order; empty for any.
-        :raises ModelFileError: if the file is no valid model.
-        :raises ModelMismatchError: if the model has other joints.
         """
-        if not self.path or not Path(self.path).exists():
+        if not self.path:
             return
-        model = load_model(self.path)
+        try:
+            model = load_model(self.path)
+        except ModelFileError as problem:
+            if not isinstance(problem.__cause__, FileNotFoundError):
+                self.load_problem = str(problem)
+            return
         if joints and model.joints != joints:
-            raise ModelMismatchError(
+            self.load_problem = (
                 f'{self.path} is a model of {", ".join(model.joints)}; the parameter joints '
                 f'is {", ".join(joints)}')
+            return
         # Of an earlier epoch than any model that is learned, so that a rollback returns to it.
         self.use(model, parameters_of(model), f'loaded from {self.path}', now, -1)
 
@@ -127,5 +130,5 @@ class ModelHistory:
                 f'cannot save the model: {type(problem).__name__}: {problem}')
             reply(False, self.problem)
         else:
-            self.problem = ''
+            self.problem = self.load_problem = ''
             reply(True, f'saved the {entry.describe()} to {self.path}')

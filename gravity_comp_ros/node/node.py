@@ -9,7 +9,6 @@ import time
 import traceback
 from typing import Any
 
-from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.checks import DIAGNOSIS, ERROR, FIT, OK, STALE, WARN
@@ -131,22 +130,27 @@ class GravityCompNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the model file, create topics, and start the process of the fits."""
+        try:
+            self._configure()
+        except Exception as problem:
+            # rclpy reports no error of a transition.
+            self.close()
+            self.get_logger().error(f'not configured: {type(problem).__name__}: {problem}')
+            return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    def _configure(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
-        try:
-            self._core = NodeCore(self.settings.values, topic, self.now(), self._sent)
-        except GravityCompError as problem:
-            self.get_logger().error(str(problem))
-            return TransitionCallbackReturn.FAILURE
+        self._core = NodeCore(self.settings.values, topic, self.now(), self._sent)
         self._core.fits.prepare()
-        if self._core.models.problem:
-            self.get_logger().error(self._core.models.problem)
+        if self._core.models.load_problem:
+            self.get_logger().error(self._core.models.load_problem)
         self._use_description(self._core)
         self._outputs = Outputs(self, self.settings.values)
         self.subscription = self.create_subscription(
             JointState, 'joint_states', lambda message: self.on_joint_states([message]), INPUT_QOS,
             callback_group=self._input)
-        return super().on_configure(state)
 
     def _use_description(self, core: NodeCore) -> None:
         text = self.settings.values.robot_description
@@ -169,14 +173,11 @@ class GravityCompNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release all resources; models and samples are lost."""
+        """Release all resources, also after an error in a transition; models are lost."""
         self.close()
-        return super().on_cleanup(state)
+        return TransitionCallbackReturn.SUCCESS
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release all resources."""
-        self.close()
-        return super().on_shutdown(state)
+    on_shutdown = on_error = on_cleanup
 
     def close(self) -> None:
         """End the fit process, and destroy topics."""

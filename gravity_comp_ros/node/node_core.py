@@ -8,7 +8,7 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.joint_order import joint_order
-from gravity_comp_ros.errors import GravityCompError, OptionError
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm, describe_arm
 from gravity_comp_ros.node.learner import Events, Learner
@@ -46,11 +46,7 @@ class NodeCore:
         self._guessed = False
         # Messages that name no arm, and the reason.
         self._unusable, self._no_arm = 0, ''
-        try:
-            self.models.load(settings.joints, now)
-        except GravityCompError as problem:
-            # With a damaged file the node starts without a model and reports the error.
-            self.models.problem = str(problem)
+        self.models.load(settings.joints, now)
         model = self.models.model
         if names := settings.joints or (() if model is None else model.joints):
             self._begin(names)

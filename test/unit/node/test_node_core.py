@@ -1,7 +1,8 @@
 """`NodeCore` without ROS, with explicit messages and time: its input, torque and description."""
 
 from bench.shared.node_messages import (
-    feed, motion, send_message, slow_state, status, torque, until)
+    feed, motion, refit, send_message, slow_state, status, torque, until)
+from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.node.arm import describe_arm
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
 from gravity_comp_ros.node.node_core import NodeCore
@@ -34,9 +35,25 @@ def test_files_that_are_no_model_are_reported_and_not_changed(live, content, tmp
     assert status(node, 'model').level == ERROR and 'model.json' in status(node, 'model').message
 
 
-def test_a_model_of_other_joints_is_not_used(live, model_file):
-    node = live(model_file=str(model_file), joints=('b', 'a'))
+def test_a_path_that_cannot_be_read_is_reported(live):
+    node = live(model_file='/tmp/' + 300 * 'm')
+    assert node.models.model is None and 'too long' in status(node, 'model').message
+
+
+def test_the_model_of_another_arm_is_not_used_and_not_replaced_unless_requested(
+        live, model_file, tmp_path):
+    path = tmp_path / 'model.json'
+    path.write_bytes(model_file.read_bytes())
+    node = live(model_file=str(path), joints=('b', 'a'), auto_save=True, auto_fit=False)
     assert node.models.model is None and status(node, 'model').level == ERROR
+    feed(node, 200)
+    assert refit(node)[0]
+    node.models.close()
+    assert path.read_bytes() == model_file.read_bytes()
+    assert 'is a model of a, b' in status(node, 'model').message
+    node.models.save(lambda *_: None)
+    node.models.close()
+    assert load_model(path).joints == ('b', 'a') and status(node, 'model').level == OK
 
 
 def test_payload_changed_in_an_empty_epoch_drops_the_sample_that_waits(live, model_file):

@@ -26,6 +26,7 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.context import Context
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -224,3 +225,14 @@ def test_the_torque_falls_after_an_error_although_no_report_can_be_made(monkeypa
     monkeypatch.setattr(node_module.rclpy, 'ok', lambda: True)
     GravityCompNode.end_torque(node, RuntimeError('a bug'))
     assert sent == ['failed', 3.0, 2.0, 1.0]
+
+
+def test_an_error_while_it_is_configured_is_reported_and_leaves_nothing_behind():
+    def fails():
+        raise OSError('no space left')
+
+    closed, errors = [], []
+    node = SimpleNamespace(_configure=fails, close=lambda: closed.append(True),
+                           get_logger=lambda: SimpleNamespace(error=errors.append))
+    assert GravityCompNode.on_configure(node, None) == TransitionCallbackReturn.FAILURE
+    assert closed and 'no space left' in errors[0]
