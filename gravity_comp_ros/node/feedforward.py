@@ -68,20 +68,14 @@ class TorqueSource:
             nearest = np.where(np.abs(further - middle) > kept, nearest, further)
         return np.where(outside, nearest, q)
 
-    def torque(self, q: FloatArray, policy: str, margin: float) -> FloatArray:
+    def torque(self, q: FloatArray, margin: float) -> FloatArray:
         """
-        Return the torque (N,) in N·m, by the policy beyond the margin in rad.
+        Return the torque (N,) in N·m, beyond the margin in rad that of the nearest pose within it.
 
         :param q: pose (N,), rad, the `nearest` one.
         """
-        if policy == 'trust':
-            return self.predict(q)
-        inside = np.minimum(np.maximum(q, self.coverage.q_min - margin),
-                            self.coverage.q_max + margin)
-        outside = float(np.abs(q - inside).max())
-        if policy == 'hold':
-            return self.predict(inside)
-        return self.predict(q) * max(0.0, 1.0 - outside / margin)
+        return self.predict(np.minimum(np.maximum(q, self.coverage.q_min - margin),
+                                       self.coverage.q_max + margin))
 
 
 class FeedForward:
@@ -148,9 +142,8 @@ class FeedForward:
         if source is None:
             self._fresh = now
             return None
-        policy = self.options.extrapolation
         self._pose = pose = source.nearest(q, self._pose)
-        torque = source.torque(pose, policy, self.margin)
+        torque = source.torque(pose, self.margin)
         if not np.isfinite(torque).all():
             return None
         self._fresh = now

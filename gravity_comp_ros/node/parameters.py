@@ -199,14 +199,10 @@ class Parameters:
     max_position_offset: float = parameter(
         0.2, 'Largest position offset: a stiffness in another unit would otherwise move the arm. '
         'A softer servo requires more.', 'rad', 0.001, 1.5, read_only=True)
-    extrapolation: str = parameter(
-        'hold', 'Torque at poses more than `extrapolation_margin` outside the trained range: '
-        '`hold` uses the torque of the nearest pose inside the margin, `fade` reduces torque to '
-        'zero over a second margin, `trust` uses the model unchanged.',
-        choices=('hold', 'fade', 'trust'))
     extrapolation_margin: float = parameter(
-        1.0, 'Distance outside the trained range up to which the model is used unchanged; at most '
-        '0.1 rad for a `per_joint` model.', 'rad', 0.01, 10.0)
+        1.0, 'Distance outside the trained range up to which the model is used; further outside '
+        'the torque is that of the nearest pose within it. At most 0.1 rad for a `per_joint` '
+        'model.', 'rad', 0.01, 10.0)
     stale_after: float = parameter(
         0.3, 'Time without a usable joint state after which input is stale. Set it above the '
         'period of `joint_states`.', 's', 0.005, 10.0)

@@ -9,7 +9,7 @@ from gravity_comp_ros.models.sparse.dictionary import Expansion
 import numpy as np
 from sensor_msgs.msg import JointState
 
-PARAMETERS = {'ramp_time': 0.0, 'max_torque_rate': '[]', 'extrapolation': 'trust',
+PARAMETERS = {'ramp_time': 0.0, 'max_torque_rate': '[]', 'extrapolation_margin': 10.0,
               'stale_after': 10.0, 'unlimited_torque': True, 'servo_stiffness': '[160.0, 60.0]'}
 
 

@@ -29,7 +29,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 
 BAGS = ROOT / 'bags'
-UNLIMITED = {'ramp_time': 0.0, 'max_torque_rate': '[]', 'extrapolation': 'trust'}
+UNLIMITED = {'ramp_time': 0.0, 'max_torque_rate': '[]', 'extrapolation_margin': 10.0}
 PATIENT = {'stale_after': 10.0, 'unlimited_torque': True}
 
 

@@ -64,7 +64,7 @@ def test_values_as_yaml_reads_them_are_converted(name, value, parsed):
     ({'joints': tuple('abcdefghijk')}, 'at most 10'), ({'effort_scale': (0.0,)}, 'would erase'),
     ({'min_samples': 600}, 'more than full_samples'),
     ({'hold_time': float('nan')}, 'hold_time.*finite'),
-    ({'extrapolation': 'guess'}, 'one of hold'),
+    ({'stale_action': 'guess'}, 'one of fade'),
     ({'extrapolation_margin': 0.0}, 'must lie in 0.01 to 10')])
 def test_contradicting_values_are_refused(change, why):
     with pytest.raises(OptionError, match=why):
