@@ -164,8 +164,7 @@ def compare(args: argparse.Namespace, model: Path) -> dict[str, Any]:
         'echo': [sys.executable, __file__, '--echo'],
         'node': [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args',
                  '-r', f'joint_states:={TOPICS["node"][0]}', '-p', f'model_file:={model}',
-                 '-p', 'max_torque:=[200.0]', '-p', 'max_age:=0.0', '-p', 'sample_rate:=50.0',
-                 '-p', 'stale_after:=10.0']}
+                 '-p', 'max_torque:=[200.0]', '-p', 'max_age:=0.0', '-p', 'stale_after:=10.0']}
     processes = [subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
                  for command in commands.values()]
     try:

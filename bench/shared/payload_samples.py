@@ -65,7 +65,7 @@ def recorded(kind: str, seed: int, seconds: float, start: float, payload: Payloa
 
 def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> Job:
     """Return the fit job that the node submits for these samples."""
-    epoch = Epoch(1, case.samples.names, Parameters(sample_rate=RATE), base)
+    epoch = Epoch(1, case.samples.names, Parameters(), base)
     none = np.full((2, case.samples.n_joints), np.nan)
     for row in zip(case.samples.t, case.samples.q, case.samples.qd, case.samples.tau):
         epoch.offer(SlowSample(CompleteReading(*row), none))

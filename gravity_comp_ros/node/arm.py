@@ -152,7 +152,7 @@ class Arm:
     def set(self, settings: Parameters) -> None:
         """Use other settings from now on."""
         self.settings = self.epoch.settings = settings
-        self.gate = Gate(len(self.joints), GateOptions(settings.max_speed, settings.sample_rate))
+        self.gate = Gate(len(self.joints), GateOptions(settings.max_speed))
         self.reader.max_age = settings.max_age
         self._limit()
 

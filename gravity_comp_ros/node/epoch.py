@@ -196,7 +196,7 @@ class Epoch:
 
     def offer(self, sample: SlowSample) -> None:
         """Add a sample that passed the gate; a time that does not increase starts a new run."""
-        block, new = self._offered // self.settings.block, sample.reading
+        block, new = self._offered // NODE.block, sample.reading
         is_held_out = block % NODE.held_out_every == NODE.held_out_every - 1
         self._run, self._last = self._run + (new.t <= self._last), new.t
         self._buffer.offer(new.q, new.qd, (sample, self._run, is_held_out), is_held_out)
@@ -226,14 +226,14 @@ class Epoch:
         """Return the missing data of a fit, None if it has enough."""
         if len(self) == 0:
             return 'no slow samples yet: move the arm slowly through its range'
-        settings, n_held_out = self.settings, self.n_held_out
-        n_train, minimum = len(self) - n_held_out, FULL_FIT_SAMPLES
+        n_held_out, minimum = self.n_held_out, FULL_FIT_SAMPLES
+        n_train = len(self) - n_held_out
         if self.base is not None and self.base.energy is not None and not self._after_fault:
-            minimum = settings.min_samples
-        if n_train < minimum or n_held_out < settings.block:
+            minimum = self.settings.min_samples
+        if n_train < minimum or n_held_out < NODE.block:
             why = ' after broken effort' if self._after_fault else ''
             return (f'{n_train} training and {n_held_out} held-out samples; '
-                    f'{minimum} and {settings.block} are needed{why}: keep moving slowly')
+                    f'{minimum} and {NODE.block} are needed{why}: keep moving slowly')
         if len(self.short_of_range()) == len(self.names):
             return (f'no joint has moved over {NODE.min_range:g} rad: move the arm slowly '
                     'through its range')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.option_checks import check_positive
 
 
@@ -26,7 +27,8 @@ class NodeOptions:
 
     - `max_delay`, s: largest delay of a driver from command to reported effort, and `delay_steps`:
       number of delays up to it that are tried.
-    - `held_out_every`: one block of samples in this many is held out from fits.
+    - `period`, s: of samples, that of the gate; `block`: consecutive samples, which are
+      correlated, that are held out together, one block in `held_out_every`.
     - `growth`: of the number of samples, after which the next fit is due.
     - `capacity`: maximum number of samples, five minutes at 5 Hz; then one of each cell of poses
       and velocities stays, the newest.
@@ -39,7 +41,7 @@ class NodeOptions:
       in `parts` parts: a contact shorter than two seconds is not present in each of them. A new
       model is judged on half of them. A light payload with friction needs longer windows:
       `lengths` are relative to the shortest one that lasts long enough.
-    - `period`, s, and `min_motion`, rad: closer samples, and those at rest, are redundant.
+    - `min_motion`, rad: closer samples are redundant.
     - `max_acceleration`, rad/s^2: above it inertia is not negligible.
     - `max_required`: samples at most that confirm a model.
     - `new_samples`: between two tests.
@@ -80,6 +82,8 @@ class NodeOptions:
     max_late: float = 0.1
     max_delay: float = 0.2
     delay_steps: int = 100
+    period: float = 1.0 / (GateOptions().rate_hz or 1.0)
+    block: int = 5
     held_out_every: int = 4
     growth: float = 1.25
     capacity: int = 1500
@@ -88,7 +92,6 @@ class NodeOptions:
     window: int = 30
     parts: int = 3
     lengths: tuple[float, ...] = (2.5, 5.0 / 3.0, 1.0)
-    period: float = 0.2
     min_motion: float = 0.005
     max_acceleration: float = 0.25
     max_required: int = 200

@@ -133,8 +133,6 @@ class Parameters:
         's', 0.0, 3600.0)
     max_speed: float = parameter(
         0.15, 'Maximum joint speed of samples that are learned from.', 'rad/s', 0.001, 10.0)
-    sample_rate: float = parameter(
-        5.0, 'Maximum rate of samples that are learned from.', 'Hz', 0.1, 1000.0)
     auto_fit: bool = parameter(
         True, 'Fit automatically in an open epoch. If false, only `~/refit` fits.')
     formulation: str = parameter(
@@ -219,11 +217,6 @@ class Parameters:
         for row in TABLE:
             object.__setattr__(self, row.name, row.parse(getattr(self, row.name)))
         self.check()
-
-    @property
-    def block(self) -> int:
-        """The number of consecutive samples that are held out together: they are correlated."""
-        return max(5, round(self.sample_rate))
 
     def check(self, names: tuple[str, ...] = ()) -> None:
         """

@@ -89,9 +89,8 @@ class Watch:
                 sample.reading.q)) / self._expected
             self._errors.append((error, old))
         rows, new, qdd = self._rows, sample.reading, sample.qdd
-        if qdd is None or float(np.abs(qdd).max()) >= NODE.max_acceleration or rows and (
-                new.t < (last := rows[-1][0].reading).t + 0.9 * NODE.period
-                or float(np.abs(new.q - last.q).max()) < NODE.min_motion):
+        if qdd is None or float(np.abs(qdd).max()) >= NODE.max_acceleration or rows and float(
+                np.abs(new.q - rows[-1][0].reading.q).max()) < NODE.min_motion:
             return
         rows.append((sample, residual / self._noise))
         self._wait = max(0, self._wait - 1)
