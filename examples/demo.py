@@ -147,7 +147,7 @@ def running_node(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     log = folder / 'node.log'
     command = [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args',
                '-p', 'auto_fit:=false', '-p', 'max_age:=0.0',
-               '-p', f'fit_timeout:={FIT_TIMEOUT}', '-p', f'refit_timeout:={FIT_TIMEOUT}',
+               '-p', f'fit_timeout:={FIT_TIMEOUT}',
                # Playback is faster than real time.
                '-p', f'settle_time:={SETTLE_TIME / SPEED}']
     show(f'Starting the node: {Path(sys.executable).name} {" ".join(command[1:])}')

@@ -256,13 +256,9 @@ class Learner:
                       'payload_changed or refit is called')
 
     def _expire(self, wall: float) -> None:
-        """Reply to calls past their deadline; end a job that hangs."""
-        settings = self.arm.settings
-        for job in self.fits.jobs:
-            if wall - job.since > settings.refit_timeout:
-                job.reply(False, 'the fit is still running; its result will be in /diagnostics')
+        """End a job that hangs."""
         jobs = self.fits.jobs
-        if jobs and (waited := wall - jobs[0].since) > settings.fit_timeout:
+        if jobs and (waited := wall - jobs[0].since) > self.arm.settings.fit_timeout:
             self.fits.cancel()
             for job in jobs:
                 self._failed(job, Failed(f'the fit hung: no result after {waited:.1f} s; its '

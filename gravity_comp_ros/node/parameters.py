@@ -168,11 +168,9 @@ class Parameters:
         16.0, 'Minimum duration of a change of the torque before a payload is suspected. A hand '
         'that presses straight down has the torque of a weight.', 's', 0.0, 120.0, read_only=True)
     fit_timeout: float = parameter(
-        120.0, 'Maximum duration of a fit, with the start of its process, which is then killed.',
+        120.0, 'Maximum duration of a fit, with the start of its process, which is then killed. '
+        '`~/refit` and `~/diagnose` reply by then.',
         's', 0.1, 3600.0)
-    refit_timeout: float = parameter(
-        60.0, 'Time after which `~/refit` and `~/diagnose` reply although the job is still '
-        'running.', 's', 0.1, 3600.0)
     model_file: str = parameter(
         '', 'File of the model: loaded at the start if it exists, written by `~/save_model`.',
         read_only=True)
