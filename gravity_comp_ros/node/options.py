@@ -39,8 +39,7 @@ class NodeOptions:
 
     - `window`: slow samples of the shortest test for a payload, six seconds at the default rate,
       in `parts` parts: a contact shorter than two seconds is not present in each of them. A new
-      model is judged on half of them. A light payload with friction needs longer windows:
-      `lengths` are relative to the shortest one that lasts long enough.
+      model is judged on half of them. A longer window is thinned to `max_window` samples.
     - `min_motion`, rad: closer samples are redundant.
     - `max_acceleration`, rad/s^2: above it inertia is not negligible.
     - `max_required`: samples at most that confirm a model.
@@ -91,7 +90,7 @@ class NodeOptions:
     min_range: float = 0.2
     window: int = 30
     parts: int = 3
-    lengths: tuple[float, ...] = (2.5, 5.0 / 3.0, 1.0)
+    max_window: int = 75
     min_motion: float = 0.005
     max_acceleration: float = 0.25
     max_required: int = 200

@@ -21,10 +21,8 @@ from gravity_comp_ros.node.options import CHECKS, NODE
 import numpy as np
 
 LEARN = 'learn'
-# Minimum number of samples of a window for a payload test, and the maximum, to which longer
-# windows are thinned; number of samples that judge a new model.
-MIN_WINDOW, WINDOW = NODE.window, NODE.window // 2
-MAX_WINDOW = round(NODE.lengths[0] * MIN_WINDOW)
+# Number of samples that judge a new model.
+WINDOW = NODE.window // 2
 
 
 class Watch:
@@ -63,8 +61,7 @@ class Watch:
 
     def restart(self) -> None:
         """Drop window and finding: the model, the clock or the payload has changed."""
-        capacity = max(MAX_WINDOW, math.ceil(
-            NODE.lengths[0] * (self._min_duration / NODE.period + 1.0)))
+        capacity = NODE.window + math.ceil(self._min_duration / NODE.period)
         # Samples with their residual (N,) over the noise.
         self._rows: deque[tuple[SlowSample, FloatArray]] = deque(maxlen=capacity)
         # New samples until the next test, and the length of the window that is due; 0 for none.
@@ -96,7 +93,7 @@ class Watch:
         self._wait = max(0, self._wait - 1)
         ratio = np.array([ratio for _, ratio in rows])
         self._due = self._due_length(np.abs(ratio).max(axis=1) > CHECKS.large)
-        if len(rows) >= MIN_WINDOW and rms(ratio[-MIN_WINDOW:]).max() < CHECKS.max_residual:
+        if len(rows) >= NODE.window and rms(ratio[-NODE.window:]).max() < CHECKS.max_residual:
             self.finding = None
 
     def model_checks(self) -> list[Check]:
@@ -119,7 +116,8 @@ class Watch:
     def window(self) -> list[Kept]:
         """Return the samples to test, all with accelerations; the next window has new samples."""
         self._wait, length = NODE.new_samples, self._due
-        picked = np.unique(np.linspace(-length, -1, min(length, MAX_WINDOW)).round().astype(int))
+        count = min(length, NODE.max_window)
+        picked = np.unique(np.linspace(-length, -1, count).round().astype(int))
         return [(replace(self._rows[k][0], is_resolved=True), 0, False) for k in picked]
 
     def add_finding(self, found: PayloadResult) -> bool:
@@ -128,13 +126,13 @@ class Watch:
         return found.is_payload
 
     def _due_length(self, large: BoolArray) -> int:
-        """Return the length of the longest window with large residuals (M,) in each part, or 0."""
-        t, count = [sample.reading.t for sample, _ in self._rows], len(large)
-        if count < MIN_WINDOW or not large[-1]:
-            return 0
-        shortest = next((length for length in range(MIN_WINDOW, count + 1) if large[-length]
-                         and t[-1] - t[-length] >= self._min_duration), count + 1)
-        return next((length for factor in NODE.lengths
-                     if (length := math.ceil(factor * shortest)) <= count
+        """
+        Return the length of the shortest window that lasts long enough, or 0.
+
+        Its first and last residual (M,) are large, and so are most in each part.
+        """
+        t = [sample.reading.t for sample, _ in self._rows]
+        return next((length for length in range(NODE.window, len(large) + 1)
+                     if large[-1] and large[-length] and t[-1] - t[-length] >= self._min_duration
                      and all(part.mean() >= CHECKS.min_large
                              for part in np.array_split(large[-length:], NODE.parts))), 0)

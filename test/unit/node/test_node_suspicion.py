@@ -17,7 +17,8 @@ from gravity_comp_ros.node.epoch import Rows, rows_of, SlowSample
 from gravity_comp_ros.node.jobs import run_payload_test
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.model_in_use import ModelInUse
-from gravity_comp_ros.node.watch import MAX_WINDOW, MIN_WINDOW, Watch
+from gravity_comp_ros.node.options import NODE
+from gravity_comp_ros.node.watch import Watch
 from gravity_comp_ros.simulation.arms import gravity_torque, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17
 from hypothesis import given, strategies as st
@@ -152,19 +153,19 @@ def offered(watch, ratios, start=0.0, step=0.01):
 
 def test_a_test_is_due_only_for_a_lasting_residual():
     watch = watching()
-    offered(watch, [-9.0] * (MIN_WINDOW - 1))
+    offered(watch, [-9.0] * (NODE.window - 1))
     assert not watch.is_due()
     offered(watch, [-9.0], 100.0)
     assert watch.is_due()
     window = rows_of(('a',), watch.window()).samples
-    assert len(window) == MIN_WINDOW and window.qdd is not None and not watch.is_due()
+    assert len(window) == NODE.window and window.qdd is not None and not watch.is_due()
     # On the clock of the messages, by which warming and drift are predicted.
     assert window.starts == (0.0,) and window.t[-1] == pytest.approx(100.0)
     short_contact = watching()
-    offered(short_contact, [1.0] * MIN_WINDOW + [30.0] * (MIN_WINDOW // 3) + [1.0] * MIN_WINDOW)
+    offered(short_contact, [1.0] * NODE.window + [30.0] * (NODE.window // 3) + [1.0] * NODE.window)
     assert not short_contact.is_due()
     resting = watching()
-    offered(resting, [9.0] * 5 * MIN_WINDOW, step=0.0)
+    offered(resting, [9.0] * 5 * NODE.window, step=0.0)
     assert not resting.is_due()
 
 
@@ -177,7 +178,7 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
         offer(watch, t, 0.1 * t, ratio)
         if watch.is_due():
             window = rows_of(('a',), watch.window()).samples
-            assert MIN_WINDOW <= len(window) <= MAX_WINDOW
+            assert NODE.window <= len(window) <= NODE.max_window
             assert window.t[-1] - window.t[0] >= lasting
             if watch.add_finding(PayloadResult(
                     'a payload', (Check(checks.BODY_PRESENT, 1.0, 0.0, True),))):
@@ -187,7 +188,7 @@ def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
         assert not suspected
     # The samples between two tests.
     longest = 1.0 / rate
-    if lasts > max(lasting, MIN_WINDOW * longest) + 15.0 * longest:
+    if lasts > max(lasting, NODE.window * longest) + 15.0 * longest:
         assert suspected
 
 
