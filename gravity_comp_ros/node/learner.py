@@ -73,7 +73,10 @@ class Learner:
             elif isinstance(message, Done):
                 self._ended(job, message.answer, now)
         self._expire(wall)
-        judged = self.arm.watch.model_checks()
+        entry = self.models.entry
+        # The samples of another payload show no fault of the model.
+        judged = (self.arm.watch.model_checks()
+                  if entry is not None and entry.epoch == self.arm.epoch.number else [])
         if judged and not any(check.passed for check in judged):
             self._events.checks.append(to_json('rollback', judged[0].text, judged))
             self.roll_back(now, judged[0].text)

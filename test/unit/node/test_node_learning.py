@@ -277,3 +277,19 @@ def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file,
     node.learner.payload_changed(now + 50.0)
     feed(node, 20, now + 60.0)
     assert 'after broken effort' not in (node.arm.epoch.missing_for_fit() or '')
+
+
+def test_another_payload_rolls_no_model_back(live, model_file):
+    """A tool is put down before the model with it is confirmed."""
+    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+    bare, now = node.models.model, feed(node, 20)
+    node.learner.payload_changed(now)
+    t, q = motion(60)
+    loaded = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
+    node.models.use(loaded, Numbers(), 'fit', now, 1)
+    node.arm.use(loaded, bare, 60)
+    now = feed(node, 5, now + 1.0, 1.8)
+    node.learner.payload_changed(now)
+    feed(node, 40, now + 1.0)
+    node.tick(now + 10.0, time.monotonic())
+    assert node.models.model is loaded and status(node, 'learning').level == OK
