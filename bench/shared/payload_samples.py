@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from bench.shared.node_messages import joint_state, send_message
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.checks import FIT, Job
@@ -102,7 +101,7 @@ class Core:
             Parameters(joints=ARM.joints, unlimited_torque=True, auto_fit=False, max_age=0.0,
                        stale_action='hold'), '/joint_states', 0.0)
         self.send(0.5, *np.zeros((3, 7)))
-        self.live.models.use(model, Numbers(), 'bench', 0.0, -1)
+        self.live.models.use(model, 'bench', 0.0, -1)
         assert self.live.arm is not None
         self.live.arm.use(model, None, 0)
         self.live.arm.epoch.is_open = False

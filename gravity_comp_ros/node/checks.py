@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 import json
 import math
 
-from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import Rows
@@ -113,12 +112,11 @@ class FitResult:
     """
     The best model of a job, its checks, and the computing time in s.
 
-    `numbers` are those of the model for exported C source. `figures` has the errors of the
-    comparison in one line. `outliers` has the number of samples of each joint that were left out.
+    `figures` has the errors of the comparison in one line. `outliers` has the number of samples of
+    each joint that were left out.
     """
 
     model: GravityModel
-    numbers: Numbers
     checks: tuple[Check, ...]
     figures: str
     how: str

@@ -26,7 +26,6 @@ from gravity_comp_ros.estimation.refit import fit_options_of
 from gravity_comp_ros.estimation.subset_stability import convergence_objection
 from gravity_comp_ros.estimation.update import payload_change_weights, update
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
-from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor, is_outlier, outlier_weights
@@ -196,8 +195,8 @@ def _compared_fit(job: Job, judged: list[Check]) -> FitResult:
         figures += '; tried: ' + ', '.join(
             f'{each.how} {rms(held_out_rmse(each.residual(rows.samples), rows)):.3g} N·m'
             for each in tried)
-    return FitResult(best.model, parameters_of(best.model), tuple(judged), figures, best.how,
-                     time.monotonic() - start, left_out)
+    return FitResult(best.model, tuple(judged), figures, best.how, time.monotonic() - start,
+                     left_out)
 
 
 def _checks(job: Job, chain: GravityModel | None, best: Candidate) -> Iterator[Check]:

@@ -197,8 +197,7 @@ class Learner:
     def _use(self, result: FitResult, now: float) -> None:
         """Take a new model into use."""
         epoch, model = self.arm.epoch, result.model
-        self.models.use(model, result.numbers, f'{result.how} in epoch {epoch.number}', now,
-                        epoch.number)
+        self.models.use(model, f'{result.how} in epoch {epoch.number}', now, epoch.number)
         past = self.models.past
         self.arm.use(model, past[-1].model if past else None, model.coverage.n_samples)
         self._save()

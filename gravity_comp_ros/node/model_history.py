@@ -8,8 +8,6 @@ from os.path import expanduser
 from threading import Thread
 
 from gravity_comp_ros.errors import ModelFileError
-from gravity_comp_ros.export.c_source import parameters_of
-from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node.options import NODE
@@ -19,10 +17,9 @@ Reply = Callable[[bool, str], None]
 
 @dataclass(frozen=True)
 class Entry:
-    """A model, its numbers for C source, its origin, time of its first use (s), and epoch."""
+    """A model, its origin, time of its first use in s, and epoch."""
 
     model: GravityModel
-    numbers: Numbers
     origin: str
     since: float
     epoch: int
@@ -61,8 +58,7 @@ class ModelHistory:
         """The model in use."""
         return self.entry.model if self.entry else None
 
-    def use(self, model: GravityModel, numbers: Numbers, origin: str, now: float,
-            epoch: int) -> None:
+    def use(self, model: GravityModel, origin: str, now: float, epoch: int) -> None:
         """
         Take a model into use.
 
@@ -72,7 +68,7 @@ class ModelHistory:
         if self.entry is not None and self.entry.epoch != epoch:
             self.past.append(self.entry)
             del self.past[:-NODE.depth]
-        self.entry = Entry(model, numbers, origin, now, epoch)
+        self.entry = Entry(model, origin, now, epoch)
 
     def roll_back(self, now: float) -> Entry | None:
         """Bring back the last model of the previous payload; return None if there is none."""
@@ -101,7 +97,7 @@ class ModelHistory:
                 f'is {", ".join(joints)}')
             return
         # Of an earlier epoch than any model that is learned, so that a rollback returns to it.
-        self.use(model, parameters_of(model), f'loaded from {self.path}', now, -1)
+        self.use(model, f'loaded from {self.path}', now, -1)
 
     def save(self, reply: Reply) -> None:
         """Write the present model after all earlier saves; reply now, or from another thread."""

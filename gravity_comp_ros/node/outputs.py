@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import InertiaStamped
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.export.c_source import parameters_of
 from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.export.payload_lines import Payload, payload_of
 from gravity_comp_ros.node.checks import PayloadResult, WARN
@@ -144,7 +145,7 @@ class Outputs:
         if entry is None or entry is self._sent_model:
             return
         self._sent_model = entry
-        self._model.publish(model_message(entry.numbers))
+        self._model.publish(model_message(parameters_of(entry.model)))
         try:
             payload = payload_of(entry.model)
         except DataError:

@@ -10,7 +10,6 @@ from bench.shared.node_messages import (
     feed, motion, refit, send_message, slow_state, status, torque, until)
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.export.gravity_code import Numbers
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node import model_history
 from gravity_comp_ros.node.checks import Check, DIAGNOSIS, FIT, FitResult
@@ -73,7 +72,7 @@ def test_rollback_returns_to_the_previous_payload(live, model_file):
     first = node.models.model
     # A refit before any change of the payload is a model of epoch 0.
     for epoch in (0, 1, 1, 1, 2, 2):
-        node.models.use(first, Numbers(), f'fit in epoch {epoch}', 0.0, epoch)
+        node.models.use(first, f'fit in epoch {epoch}', 0.0, epoch)
     assert len(node.models.past) == 3
     assert 'epoch 1' in node.learner.roll_back(1.0)[1]
     assert 'epoch 0' in node.learner.roll_back(1.0)[1]
@@ -88,11 +87,11 @@ def test_the_last_fit_closes_an_epoch_unless_there_is_no_model_yet(live, model_f
     now, epoch = feed(node, 140), node.arm.epoch
     model = load_model(model_file)
     if has_model:
-        node.models.use(model, Numbers(), 'earlier', now, 0)
+        node.models.use(model, 'earlier', now, 0)
     epoch.fit_started()
     check = Check('converged', 1.0, 0.5, text='not converged: keep moving slowly')
     node.learner._fit_ended(Pending(FIT, 0.0, epoch, None), FitResult(
-        model, Numbers(), (check,), '', 'full fit', 0.0), now)
+        model, (check,), '', 'full fit', 0.0), now)
     assert epoch.is_open != has_model and 'keep moving' in node.learner.report
     feed(node, 60, now + 0.2)
     assert epoch.fit_is_due() != has_model
@@ -244,7 +243,7 @@ def test_the_file_has_the_model_of_the_last_save(live, model_file, tmp_path, mon
     monkeypatch.setattr(model_history, 'save_model', slow_disk)
     replies = []
     saved(node, replies)
-    node.models.use(second, Numbers(), 'another', 1.0, 0)
+    node.models.use(second, 'another', 1.0, 0)
     saved(node, replies)
     both.set()
     until(node, lambda: len(replies) == 2)
@@ -260,7 +259,7 @@ def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file,
     node.learner.payload_changed(now)
     t, q = motion(60)
     wrong = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
-    node.models.use(wrong, Numbers(), 'fit of broken effort', now, 1)
+    node.models.use(wrong, 'fit of broken effort', now, 1)
     save_model(path, wrong)
     node.arm.use(wrong, good, 60)
     feed(node, 40, now + 1.0)
@@ -286,7 +285,7 @@ def test_another_payload_rolls_no_model_back(live, model_file):
     node.learner.payload_changed(now)
     t, q = motion(60)
     loaded = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
-    node.models.use(loaded, Numbers(), 'fit', now, 1)
+    node.models.use(loaded, 'fit', now, 1)
     node.arm.use(loaded, bare, 60)
     now = feed(node, 5, now + 1.0, 1.8)
     node.learner.payload_changed(now)
