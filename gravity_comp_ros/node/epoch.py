@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.differentiation import acceleration_at, WINDOW
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
@@ -68,13 +68,15 @@ class SlowSample:
     `sent` (2, N) has the torques in N·m that were published last before it, and before
     `NODE.max_delay` s earlier; NaN for none. `qdd` (N,) is the acceleration in rad/s^2 of the
     messages around it, None for a single message; `is_resolved` is false if their rate does not
-    resolve quick starts and stops.
+    resolve quick starts and stops. `run` is the number of its run in an epoch.
     """
 
     reading: CompleteReading
     sent: FloatArray
     qdd: FloatArray | None = None
     is_resolved: bool = False
+    run: int = 0
+    is_held_out: bool = False
 
 
 class DelayedSamples:
@@ -134,27 +136,23 @@ def _mean(reading: CompleteReading, near: Sequence[CompleteReading]) -> Complete
                            reading.new_run)
 
 
-# A slow sample of an epoch, the number of its run, and whether it is held out.
-Kept = tuple[SlowSample, int, bool]
-
-
-def rows_of(names: Sequence[str], kept: Sequence[Kept]) -> Rows:
+def rows_of(names: Sequence[str], slow: Sequence[SlowSample]) -> Rows:
     """
     Return samples, at least one, with the sent torques; it takes milliseconds.
 
     They have accelerations if most are resolved; others are then 0, as at isolated samples.
     """
-    slow, runs, held_out = zip(*kept)
     t, q, qd, tau = (np.array(values) for values in zip(*(
         (each.reading.t, each.reading.q, each.reading.qd, each.reading.tau) for each in slow)))
-    starts, numbers = np.unique(runs, return_inverse=True)
+    starts, numbers = np.unique([each.run for each in slow], return_inverse=True)
     known = [each.qdd is not None and each.is_resolved for each in slow]
     qdd = np.array([each.qdd if is_known else np.zeros(len(names))
                     for each, is_known in zip(slow, known)])
     samples = JointSamples(tuple(names), t, q, qd, tau, numbers.reshape(-1),
                            tuple(f'live {run}' for run in starts), (0.0,) * len(starts),
                            qdd if np.mean(known) >= NODE.min_known else None)
-    return Rows(samples, np.array(held_out), np.array([each.sent for each in slow]))
+    return Rows(samples, np.array([each.is_held_out for each in slow]),
+                np.array([each.sent for each in slow]))
 
 
 class Epoch:
@@ -189,7 +187,7 @@ class Epoch:
         self._offered = self._fitted_at = 0
         # Whether the last fit was one of all samples that the epoch requires.
         self._was_full = False
-        self._buffer = SampleBuffer[Kept](NODE.capacity)
+        self._buffer = SampleBuffer[SlowSample](NODE.capacity)
         self._last, self._run = -np.inf, 0
         # Smallest and largest positions of all samples since the restart, rad.
         self._low, self._high = (np.full(len(self.names), edge) for edge in (np.inf, -np.inf))
@@ -199,7 +197,8 @@ class Epoch:
         block, new = self._offered // NODE.block, sample.reading
         is_held_out = block % NODE.held_out_every == NODE.held_out_every - 1
         self._run, self._last = self._run + (new.t <= self._last), new.t
-        self._buffer.offer(new.q, new.qd, (sample, self._run, is_held_out), is_held_out)
+        self._buffer.offer(new.q, new.qd, replace(
+            sample, run=self._run, is_held_out=is_held_out), is_held_out)
         self._offered += 1
         self._low, self._high = np.minimum(self._low, new.q), np.maximum(self._high, new.q)
 
@@ -208,9 +207,9 @@ class Epoch:
 
     @property
     def n_held_out(self) -> int:
-        return sum(is_held_out for _, _, is_held_out in self.samples())
+        return sum(sample.is_held_out for sample in self.samples())
 
-    def samples(self) -> list[Kept]:
+    def samples(self) -> list[SlowSample]:
         """Return the samples, for `rows_of` in another thread."""
         return self._buffer.samples()
 

@@ -16,7 +16,7 @@ from gravity_comp_ros.evaluation.expected_residual import expected_residual, res
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
 from gravity_comp_ros.node.checks import Check, PayloadResult
-from gravity_comp_ros.node.epoch import Kept, SlowSample
+from gravity_comp_ros.node.epoch import SlowSample
 from gravity_comp_ros.node.options import CHECKS, NODE
 import numpy as np
 
@@ -113,12 +113,12 @@ class Watch:
         is_suspected = self.finding is not None and self.finding.is_payload
         return not is_suspected and self._wait == 0 and self._due > 0
 
-    def window(self) -> list[Kept]:
+    def window(self) -> list[SlowSample]:
         """Return the samples to test, all with accelerations; the next window has new samples."""
         self._wait, length = NODE.new_samples, self._due
         count = min(length, NODE.max_window)
         picked = np.unique(np.linspace(-length, -1, count).round().astype(int))
-        return [(replace(self._rows[k][0], is_resolved=True), 0, False) for k in picked]
+        return [replace(self._rows[k][0], is_resolved=True) for k in picked]
 
     def add_finding(self, found: PayloadResult) -> bool:
         """Record a finding; return whether it is a suspicion."""

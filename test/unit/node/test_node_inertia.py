@@ -102,7 +102,7 @@ def test_accelerations_are_used_if_most_are_resolved():
         q = np.full(2, 0.1)
         slow = [replace(slow_sample(float(k), q, q, q), qdd=q + k, is_resolved=k >= n_unknown)
                 for k in range(20)]
-        return rows_of(('a', 'b'), [(each, 0, False) for each in slow]).samples.qdd
+        return rows_of(('a', 'b'), slow).samples.qdd
 
     qdd = rows(1)[:, 0]
     assert qdd[0] == 0.0
