@@ -66,6 +66,8 @@ class Watch:
         self._rows: deque[tuple[SlowSample, FloatArray]] = deque(maxlen=capacity)
         # New samples until the next test, and the length of the window that is due; 0 for none.
         self._wait = self._due = 0
+        # The pose of the last sample.
+        self._pose = np.full(1, np.inf)
         # A suspected payload, or a change of the effort that no payload explains.
         self.finding: PayloadResult | None = None
 
@@ -73,22 +75,24 @@ class Watch:
         """
         Add a slow sample of the model in use, at a pose within the trained range.
 
-        Without an acceleration it is not tested for a payload.
+        Of an arm at rest one sample counts; without an acceleration none is tested for a payload.
 
         :param gravity: torque of the model in use, `residual` that without nuisance terms,
             (N,) in N·m.
         """
-        error = np.abs(residual) / self._expected
+        new, qdd = sample.reading, sample.qdd
+        if float(np.abs(new.q - self._pose).max()) < NODE.min_motion:
+            return
+        self._pose, error = new.q, np.abs(residual) / self._expected
         if not self.is_confirmed and float(error.max()) < CHECKS.predicted:
             self._predicted += 1
         if self._before is not None:
-            old = np.abs(gravity + residual - self._before.predict_one(
-                sample.reading.q)) / self._expected
+            old = np.abs(
+                gravity + residual - self._before.predict_one(new.q)) / self._expected
             self._errors.append((error, old))
-        rows, new, qdd = self._rows, sample.reading, sample.qdd
-        if qdd is None or float(np.abs(qdd).max()) >= NODE.max_acceleration or rows and float(
-                np.abs(new.q - rows[-1][0].reading.q).max()) < NODE.min_motion:
+        if qdd is None or float(np.abs(qdd).max()) >= NODE.max_acceleration:
             return
+        rows = self._rows
         rows.append((sample, residual / self._noise))
         self._wait = max(0, self._wait - 1)
         ratio = np.array([ratio for _, ratio in rows])
