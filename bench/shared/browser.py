@@ -1,7 +1,7 @@
 """Headless Chromium for tests of pages, with a record of warnings, requests and dialogs."""
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 import os
 from pathlib import Path
 import shutil
@@ -120,6 +120,16 @@ class Watched:
         self.page.mouse.move(box['x'] + end * box['width'], box['y'] + 0.95 * box['height'],
                              steps=4)
         self.page.mouse.up()
+
+    def select(self, plot, start: float, end: float) -> None:
+        """Drag over a plot until rows are selected: a page that is still laid out loses a drag."""
+        from playwright.sync_api import TimeoutError as Late
+        for _ in range(10):
+            self.drag(plot, start, end)
+            with suppress(Late):
+                self.views.wait_for_function(f'({SELECTED})() > 0', timeout=10_000)
+                return
+        raise AssertionError('nothing is selected')
 
     @property
     def views(self):

@@ -1,6 +1,5 @@
 """`--html` of `compare` and `diagnose`: a self-contained page, or a page with the error."""
 
-from contextlib import suppress
 from dataclasses import replace
 import json
 import re
@@ -121,17 +120,6 @@ def test_without_bokeh_one_line_names_the_package_to_install(folder):
         assert done.stderr.count('\n') == 1 and 'pip install bokeh' in done.stderr
 
 
-def select(tab, plot):
-    """Drag over a plot until it is selected: a page that is still laid out loses a drag."""
-    from playwright.sync_api import TimeoutError as Late
-    for _ in range(10):
-        tab.drag(plot, 0.2, 0.4)
-        with suppress(Late):
-            tab.page.wait_for_function(f'({_selection})() != ""', timeout=10000.0)
-            return
-    raise AssertionError('nothing is selected')
-
-
 def test_the_report_in_a_browser(diagnosed, watched):
     with watched(diagnosed.as_uri()) as tab:
         page = tab.page
@@ -148,7 +136,7 @@ def test_the_report_in_a_browser(diagnosed, watched):
         page.mouse.move(box['x'] + 0.5 * box['width'], box['y'] + 0.5 * box['height'])
         page.locator('.bk-Tooltip').filter(
             has_text=re.compile(r'time.* s.*residual.* N·m', re.DOTALL)).first.wait_for()
-        select(tab, first)
+        tab.select(first, 0.2, 0.4)
         text, rows = page.evaluate(_selection), tab.selected()
         assert 20 < rows < 1200 and re.search(
             rf'<b>{rows} drawn samples selected</b>: run1.mcap at [\d.]+ s to run1.mcap at', text)
