@@ -5,17 +5,16 @@ import numpy as np
 
 NOISE, COULOMB, VISCOUS, OFFSET = 0.05, 0.6, 5.0, 0.4
 JOINTS = ('shoulder', 'elbow')
-WIDE = 1.1
 
 
-def two_links(seed=0, count=1200, names=JOINTS, one_way=False, rough=1.0, reach=0.6):
+def two_links(seed=0, count=1200, names=JOINTS, one_way=False, rough=1.0, reach=1.1):
     """
     Return 60 s of two links in an upright plane with friction; q = 0 hangs down.
 
     tau_1 = 10 s1 + 4 s12 + 0.6 tanh(qd_1 / 0.005) + 5 qd_1, tau_2 = 4 s12 + 0.4.
 
     With a `reach` of the elbow of 0.6 rad its offset and a weak joint spring are almost equally
-    probable; with WIDE they are not.
+    probable, and a fit takes twice as long.
     """
     t = 0.05 * np.arange(count)
     rng = np.random.default_rng(seed)

@@ -6,7 +6,7 @@ import pickle
 import subprocess
 import sys
 
-from bench.shared.rough_links import JOINTS, NOISE, two_links, WIDE
+from bench.shared.rough_links import JOINTS, NOISE, two_links
 from bench.shared.serial_arms import planar_2r
 import gravity_comp_ros as gc
 from gravity_comp_ros import cli
@@ -24,7 +24,7 @@ FRICTION = 'coulomb_friction:shoulder'
 def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp('bags')
     for seed in (1, 2, 3):
-        write_bag(folder / f'{seed}.mcap', [joint_states(two_links(seed, reach=WIDE))])
+        write_bag(folder / f'{seed}.mcap', [joint_states(two_links(seed))])
     return [str(folder / f'{seed}.mcap') for seed in (1, 2, 3)]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import shlex
 
 from bench.shared.command_line import run_json
-from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, WIDE
+from bench.shared.rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.diagnose import next_steps
@@ -21,7 +21,7 @@ import pytest
 def folder(tmp_path_factory):
     """Return a folder with recordings and a model fitted to two of them."""
     folder = tmp_path_factory.mktemp('diagnose')
-    runs = {'one': two_links(1, reach=WIDE), 'two': two_links(2, reach=WIDE),
+    runs = {'one': two_links(1), 'two': two_links(2),
             'clean': two_links(3, rough=0.0),
             'one_way': two_links(5, one_way=True), 'short': two_links(4, count=40),
             'other': two_links(6, names=('a', 'b'))}

@@ -5,7 +5,7 @@ import json
 import re
 
 from bench.shared.command_line import run_json
-from bench.shared.rough_links import JOINTS, NOISE, two_links, WIDE
+from bench.shared.rough_links import JOINTS, NOISE, two_links
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.models.model_file import load_model
@@ -20,7 +20,7 @@ def bag(path, samples):
 @pytest.fixture(scope='module')
 def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp('bags')
-    train, later = (two_links(seed, 1200, rough=0.0, reach=WIDE) for seed in (1, 2))
+    train, later = (two_links(seed, 1200, rough=0.0) for seed in (1, 2))
     fast = replace(later, t=later.t / 8.0, qd=later.qd * 8.0)
     return {'train': bag(folder / 'train.mcap', train), 'later': bag(folder / 'later.mcap', later),
             'fast': bag(folder / 'fast.mcap', fast)}

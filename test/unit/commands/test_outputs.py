@@ -4,7 +4,7 @@ import json
 import shlex
 
 from bench.shared.command_line import refused
-from bench.shared.rough_links import two_links, WIDE
+from bench.shared.rough_links import two_links
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.models.model_file import load_model
@@ -145,7 +145,7 @@ def test_long_work_prints_each_stage_once_in_a_log(capsys, monkeypatch, delay, l
 def table(tmp_path, monkeypatch):
     """Return a CSV of two joints with friction on the second, efforts in mN·m and reversed."""
     monkeypatch.chdir(tmp_path)
-    links = two_links(rough=0.0, reach=WIDE)
+    links = two_links(rough=0.0)
     tau = links.tau + [0.0, 0.8] * np.tanh(links.qd / 0.005)
     path = tmp_path / 'my log.csv'
     np.savetxt(path, np.column_stack([links.t, links.q, links.qd, -1000 * tau]), delimiter=',',

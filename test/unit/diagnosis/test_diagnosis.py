@@ -6,7 +6,7 @@ from pathlib import Path
 from bench.cases.arms import generated_arm
 from bench.planning.scenes import Scene
 from bench.shared.campaign import campaign
-from bench.shared.rough_links import NOISE as LINK_NOISE, two_links, WIDE
+from bench.shared.rough_links import NOISE as LINK_NOISE, two_links
 from bench.shared.serial_arms import serial_arm
 import gravity_comp_ros
 from gravity_comp_ros import Recording
@@ -242,7 +242,7 @@ CLOCKS = (100.0, 0.0)
 
 def recorded(seed: int, offset: float, start: float) -> JointSamples:
     """Return a minute of two links, of which the elbow has this offset more."""
-    samples = two_links(seed, reach=WIDE)
+    samples = two_links(seed)
     return replace(samples, tau=samples.tau + [0.0, offset], starts=(start,))
 
 
@@ -320,7 +320,7 @@ def gains_of(gains, step=100.0):
     """Return three recordings whose efforts of the shoulder have these gains, and the findings."""
     runs = []
     for k, gain in enumerate(gains):
-        samples = two_links(20 + k, reach=WIDE)
+        samples = two_links(20 + k)
         runs.append(replace(samples, tau=samples.tau * [gain, 1.0],
                             starts=(MORNING + step * k,)))
     samples = concatenate(runs)
@@ -340,7 +340,7 @@ def test_a_gain_of_each_recording_is_found_and_the_mean_is_predicted_later(step)
     assert not any(effect == 'payload_change' for effect, _ in findings)
     targets = [f'{effect}:{joint}' for effect, joint in findings if joint]
     model = refit(samples, model, requests(targets, samples.names)).model
-    later = two_links(30, reach=WIDE)
+    later = two_links(30)
     later = replace(later, tau=later.tau * [1.0167, 1.0], starts=(MORNING + 10 * step,))
     error = (predict_torque(model, later) - later.tau)[:, 0]
     assert np.sqrt((error ** 2).mean()) < 2.0 * LINK_NOISE

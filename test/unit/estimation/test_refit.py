@@ -29,7 +29,7 @@ FRICTION = ('coulomb_friction:shoulder', 'viscous_friction:shoulder')
 
 
 @cache
-def fitted(formulation='potential', samples=SAMPLES):
+def fitted(formulation='chain', samples=SAMPLES):
     return fit(slow_samples(samples).samples, FitOptions(formulation)).model
 
 
@@ -109,9 +109,9 @@ def test_unused_samples_have_no_influence():
 
 def test_the_samples_of_the_fit_are_fitted():
     samples = two_links(1, 600)
-    for gate in (GateOptions(0.08), None):
+    for gate in (GateOptions(0.1), None):
         recording = Recording(samples, gate)
-        joint = fit_model(recording, FitOptions('potential'), [FRICTION[0]])[1]
+        joint = fit_model(recording, FitOptions('chain'), [FRICTION[0]])[1]
         limit = np.inf if gate is None else gate.max_speed
         n_slow = int((np.abs(samples.qd) <= limit).all(axis=1).sum())
         again = add_to_model(fitted(), recording, [FRICTION[0]])

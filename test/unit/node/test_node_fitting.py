@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 from bench.shared.dds_domain import private_domain
 from bench.shared.node_messages import rows_of
-from bench.shared.rough_links import two_links, WIDE
+from bench.shared.rough_links import two_links
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node import node as node_module
@@ -72,7 +72,7 @@ def answer_of(fits, job, make, seconds=60.0):
 @pytest.mark.parametrize(('gains', 'kind'), [
     ([-1.0, -1.0], 'effort_sign'), ([1.0, 4.0], 'effort_gain')])
 def test_a_first_model_is_not_learned_from_what_fit_refuses(gains, kind):
-    rough = two_links(1, reach=WIDE)
+    rough = two_links(1)
     samples = replace(rough, tau=rough.tau * gains).select(np.arange(0, 1200, 4))
     rows = Rows(samples, np.arange(300) % 20 >= 15)
     result = run_fit(Job(FIT, rows, settings=POTENTIAL))

@@ -334,7 +334,7 @@ def test_a_given_model_is_saved_by_its_path_and_named_in_the_next_step(learned, 
 def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(tmp_path):
     # With 12 s the chain is uncertain away from its poses.
     path, place = tmp_path / 'short.mcap', tmp_path / 'state'
-    write_bag(path, [joint_states(two_links(0, 240))])
+    write_bag(path, [joint_states(two_links(0, 240, reach=0.6))])
     session = worked(session_of(path, place=place), until='DIAGNOSE')
     uncertainty, = (text for text in session.stage.warnings
                     if 'away from the trained poses' in text)
