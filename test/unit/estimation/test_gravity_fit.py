@@ -112,16 +112,15 @@ def test_a_joint_at_rest(formulation, still, jitter):
 REST = 0.5 * np.ones((50, 2))
 
 
-@BOTH
 @pytest.mark.parametrize('q, tau, noise, message', [
     (poses(20, 13), np.sin(poses(20, 13)), 0.0, '13 joints; the dictionary takes 1 to 12'),
     (poses(9, 2), planar_2r(poses(9, 2)), 0.0, '9 slow samples; a fit needs at least 10'),
     (REST, planar_2r(REST), 0.1, 'no joint moves'),
     (REST + 5e-4 * poses(50, 2, reach=1.0), planar_2r(REST), 0.1, 'no joint moves'),
     (poses(50, 2), np.zeros((50, 2)), 0.0, 'effort is 0 for every joint')])
-def test_samples_that_cannot_be_fitted_are_refused(formulation, q, tau, noise, message):
+def test_samples_that_cannot_be_fitted_are_refused(q, tau, noise, message):
     with pytest.raises((FitError, ValueError), match=message) as caught:
-        fit(samples_of(q, tau, noise), FitOptions(formulation))
+        fit(samples_of(q, tau, noise), FitOptions('potential'))
     assert '\n' not in str(caught.value)
 
 
@@ -134,13 +133,12 @@ def test_noise_alone_gives_a_model_of_zero_and_a_warning(formulation):
     assert any('the model is 0 everywhere' in message for message in result.report.warnings)
 
 
-@BOTH
-def test_reordered_joints_give_the_same_model_reordered(formulation):
+def test_reordered_joints_give_the_same_model_reordered():
     arm, q, order = serial_arm(4), poses(200, 4), [1, 3, 0, 2]
     samples = samples_of(q, gravity_torque(arm, q), 0.1)
     names = [samples.names[k] for k in order]
-    original = fit(samples, FitOptions(formulation)).model
-    reordered = fit(samples.joints(names), FitOptions(formulation)).model
+    original, reordered = (fit(each, FitOptions('potential')).model
+                           for each in (samples, samples.joints(names)))
     assert reordered.joints == tuple(names)
     np.testing.assert_array_equal(reordered.n_features(), original.n_features()[order])
     unseen = poses(50, 4, seed=1)
@@ -169,14 +167,13 @@ def test_an_offset_is_fitted_and_not_predicted():
     assert rms(samples.tau - other.predict(q)).max() < 0.1
 
 
-@BOTH
-def test_a_requested_formulation_has_the_effects_of_the_chain(formulation):
+def test_a_requested_formulation_has_the_effects_of_the_chain():
     samples = two_links(0, lambda q, qd, t: np.tanh(qd / 0.02) * [2.0, 0.0])
-    chain, other = (
+    chain, *others = (
         {effect.target for effect in fit(samples, FitOptions(name)).model.fitted.effects}
-        for name in ('chain', formulation))
-    assert other == chain - {'rigid_body_dynamics'}
-    assert 'coulomb_friction:j0' in other
+        for name in ('chain', 'potential', 'per_joint'))
+    assert others == 2 * [chain - {'rigid_body_dynamics'}]
+    assert 'coulomb_friction:j0' in chain
 
 
 def test_the_report_is_json_and_the_certificate_within_tolerance():
@@ -263,11 +260,10 @@ def data(seed: int, arm_seed: int = 0):
     return samples_of(q, gravity_torque(serial_arm(4, seed=arm_seed), q), 0.1)
 
 
-@BOTH
-def test_the_result_does_not_depend_on_the_start(formulation):
+def test_the_result_does_not_depend_on_the_start():
     # The old model is of a different arm, or of other joints.
-    old = fit(data(5, 1), FitOptions(formulation)).model
-    cold, *others = (fit(data(0), FitOptions(formulation), old=start).model
+    old = fit(data(5, 1), FitOptions('potential')).model
+    cold, *others = (fit(data(0), FitOptions('potential'), old=start).model
                      for start in (None, old, replace(old, joints=('a', 'b', 'c', 'd'))))
     for warm in others:
         for one, other in zip(cold.torques, warm.torques):
