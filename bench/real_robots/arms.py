@@ -10,6 +10,8 @@ Three further ones have joint axes from the makers' data sheets (`data_sheet_urd
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 import math
@@ -124,6 +126,15 @@ def with_other_masses(description: str, seed: int) -> str:
             each.attrib = {key: repr(float(value) * float(factor))
                            for key, value in each.attrib.items()}
     return ElementTree.tostring(tree, encoding='unicode')
+
+
+@contextmanager
+def described(description: str, seed: int) -> Iterator[Path]:
+    """Yield the file of a description `with_other_masses`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'arm.urdf'
+        path.write_text(with_other_masses(description, seed), encoding='utf-8')
+        yield path
 
 
 def _chain_urdf(name: str, model: pin.Model) -> str:

@@ -17,12 +17,11 @@ squares on Pinocchio's regressor with the exact motion and the true noise.
 
 from __future__ import annotations
 
-from pathlib import Path
 import sys
-import tempfile
 
-from bench.real_robots.arms import arm_of, urdf, with_other_masses
+from bench.real_robots.arms import arm_of, described, urdf
 from bench.real_robots.cases import generator, recorded, regressor, scales
+from bench.real_robots.product import recording
 from bench.real_robots.run import arms_and_seeds, each, rms
 from bench.shared.runner import extremes, figures, Result, run
 import gravity_comp_ros as gc
@@ -45,13 +44,10 @@ def errors_of(name: str, seed: int) -> Result:
     one = recorded(arm, motion, (), noise, rng)
     q = rng.uniform(arm.lower, arm.upper, (_POSES, arm.n_joints))
     truth = gravity_torque(arm, q)
-    recording = gc.Recording.from_arrays([one.q], [one.tau], [one.t], qd=[one.qd],
-                                         names=arm.joints, gate=_GATE)
+    data = recording(arm.joints, [one], _GATE)
     bound = rms(floor(arm, motion, one.tau, noise, q), truth, largest)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / 'arm.urdf'
-        path.write_text(with_other_masses(urdf(name), seed), encoding='utf-8')
-        models = {'fit': gc.fit(recording), 'described': gc.fit(recording, urdf=path)}
+    with described(urdf(name), seed) as path:
+        models = {'fit': gc.fit(data), 'described': gc.fit(data, urdf=path)}
     result = {'floor %': bound}
     for title, model in models.items():
         error = rms(model.predict(q), truth, largest)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-import tempfile
 from time import process_time
 from typing import Any
 
-from bench.real_robots.arms import with_other_masses
+from bench.real_robots import arms
 from bench.real_robots.cases import Case, Run
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.samples import FloatArray
@@ -40,11 +38,12 @@ class Outcome:
     refused: str = ''
 
 
-def recording(one: Case, runs: Sequence[Run], gate: gc.GateOptions | None) -> gc.Recording:
+def recording(joints: Sequence[str], runs: Sequence[Run],
+              gate: gc.GateOptions | None = gc.GateOptions()) -> gc.Recording:
     """Return runs as a recording."""
     return gc.Recording.from_arrays(
         [run.q for run in runs], [run.tau for run in runs], [run.t for run in runs],
-        qd=[run.qd for run in runs], names=one.joints, gate=gate)
+        qd=[run.qd for run in runs], names=joints, gate=gate)
 
 
 def loop(one: Case, described: bool) -> Outcome:
@@ -53,7 +52,7 @@ def loop(one: Case, described: bool) -> Outcome:
 
     :raises GravityCompError: if fit or diagnosis fail.
     """
-    train = recording(one, one.train, gc.GateOptions())
+    train = recording(one.joints, one.train)
     seconds: dict[str, float] = {}
     start = process_time()
     model = fit(one, train, described)
@@ -85,7 +84,7 @@ def oracle(one: Case) -> FloatArray:
         effects.add(f'{name}:{one.joints[truth.joint]}')
     rubbing = {f.joint for f in one.friction} | {h.joint for h in one.hidden if h.allowed}
     effects |= {f'{name}:{one.joints[joint]}' for joint in rubbing for name in LUGRE}
-    train = recording(one, one.train, gc.GateOptions())
+    train = recording(one.joints, one.train)
     return predicted(one, fit(one, train, True, sorted(effects)))
 
 
@@ -93,15 +92,13 @@ def fit(one: Case, train: gc.Recording, described: bool, effects: Sequence[str] 
     """Return the fit of a recording, with the description of the arm if `described`."""
     if not described:
         return gc.fit(train, effects=effects)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f'{one.arm}.urdf'
-        path.write_text(with_other_masses(one.urdf, one.seed), encoding='utf-8')
+    with arms.described(one.urdf, one.seed) as path:
         return gc.fit(train, urdf=path, effects=effects)
 
 
 def predicted(one: Case, model: gc.Model) -> FloatArray:
     """Return the model's torque (M, N) in N·m on the unseen run, in the order of the case."""
-    torque = model.torque(recording(one, [one.unseen], None))
+    torque = model.torque(recording(one.joints, [one.unseen], None))
     return torque[:, [model.joints.index(name) for name in one.joints]]
 
 
