@@ -26,8 +26,8 @@ _Path = tuple[FloatArray, FloatArray, FloatArray]
 _NOISE = 0.1
 # Duration of the additional motion, s.
 MORE_SECONDS = 20.0
-# Pause between both recordings, and travel time to the start of the second, s.
-_PAUSE, _TRAVEL = 30.0, 15.0
+# Pause between both recordings, s.
+_PAUSE = 30.0
 # Time stamp of the first recording, s.
 _CLOCK = 1.7e9
 
@@ -77,38 +77,17 @@ class Scene:
         """Return the hidden effect."""
         return hidden(f'{self.effect}:{self.joint + 1}={self.size}', self.arm_model).disturbance
 
-    def poor_motion(self) -> motions.Motion:
-        """Return 60 s of poor motion of the joint under test."""
-        return poor_motion(self.poor, self.arm_model, self.joint, self.seed)
-
     def recorded(self) -> JointSamples:
         """Return the poor recording."""
-        return replace(self._samples(self.poor_motion(), 0), starts=(_CLOCK,))
+        arm = self.arm_model
+        middle = np.random.default_rng(self.seed).uniform(-0.5, 0.5, arm.n_joints)
+        path = POOR[self.poor](arm, self.joint, middle, self.seed)
+        motion = motions.sample(self.poor, path, SECONDS, RATE)
+        return replace(self._samples(motion, 0), starts=(_CLOCK,))
 
     def later(self, motion: motions.Motion) -> JointSamples:
-        """
-        Return the recording of another motion half a minute after the poor recording.
-
-        States, such as the temperature of a gear, continue.
-        """
-        before, begin = self.poor_motion(), SECONDS + _PAUSE
-        last, first = before.path(np.array([SECONDS]))[0], motion.path(np.zeros(1))[0]
-
-        def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            share = np.clip((t - SECONDS) / _TRAVEL, 0.0, 1.0)[:, None]
-            q = last + 0.5 * (1.0 - np.cos(np.pi * share)) * (first - last)
-            qd = (first - last) * 0.5 * np.pi / _TRAVEL * np.sin(np.pi * share)
-            qdd = np.zeros_like(q)
-            for part, (here, clock) in ((before, (t < SECONDS, t)),
-                                        (motion, (t >= begin, t - begin))):
-                for values, moved in zip((q, qd, qdd), part.path(np.clip(clock, 0.0, None))):
-                    values[here] = moved[here]
-            return q, qd, qdd
-
-        whole = motions.sample('both', path, begin + len(motion.t) / RATE, RATE)
-        both = self._samples(whole, 1)
-        new = both.select(np.flatnonzero(both.t >= begin - 1e-9))
-        return replace(new, t=new.t - begin, starts=(_CLOCK + begin,))
+        """Return the recording of another motion half a minute after the poor recording."""
+        return replace(self._samples(motion, 1), starts=(_CLOCK + SECONDS + _PAUSE,))
 
     def _samples(self, motion: motions.Motion, repetition: int) -> JointSamples:
         options = SynthesisOptions(NoiseOptions(0.0, _NOISE), 100 * self.seed + repetition,
@@ -120,12 +99,6 @@ def slow_sines(low: FloatArray, high: FloatArray, speed: float, seed: int) -> mo
     """Return random sines of all joints between position limits (N,), up to `speed` rad/s."""
     sines = motions.MultisineOptions(speed, MORE_SECONDS, 0.25, 5, 2.0)
     return motions.multisine(low, high, np.full(len(low), speed), seed, sines, MORE_SECONDS, RATE)
-
-
-def poor_motion(kind: str, arm: Arm, joint: int, seed: int) -> motions.Motion:
-    """Return 60 s of poor motion of a joint, number `joint` from 0."""
-    middle = np.random.default_rng(seed).uniform(-0.5, 0.5, arm.n_joints)
-    return motions.sample(kind, POOR[kind](arm, joint, middle, seed), SECONDS, RATE)
 
 
 def _wander(arm: Arm, middle: FloatArray, reach: float, seed: int) -> motions.Path:
