@@ -114,8 +114,6 @@ def test_check_names_joints_that_the_arm_carries_and_that_move(bags, capsys):
     main(['check', str(bags / 'own'), '--joints', ','.join(JOINTS[:5])])
     warning = capsys.readouterr().err
     assert all(f'joint {name} moves, and the arm carries it' in warning for name in JOINTS[5:])
-    main(['check', str(bags / 'own')])
-    assert 'carries it' not in capsys.readouterr().err
 
 
 def test_a_moving_waist_is_reported(bags):
@@ -123,14 +121,10 @@ def test_a_moving_waist_is_reported(bags):
             in known(bags / 'moving', JOINTS).problem)
 
 
-@pytest.mark.parametrize('bag, fixed, value', [
-    ('leaning', [], WAIST), ('lacking', ['--fixed', f'waist={WAIST}'], WAIST),
-    ('lacking', [], 0.0)])
-def test_check_holds_a_waist_where_it_was_recorded(bags, tmp_path, bag, fixed, value):
-    assert main(['check', str(bags / bag), '--joints', ','.join(JOINTS), *fixed, '--json',
+def test_check_holds_a_waist_where_it_was_recorded(bags, capsys, tmp_path):
+    assert main(['check', str(bags / 'leaning'), '--joints', ','.join(JOINTS), '--json',
                  str(tmp_path / 'faults.json')]) == 3
-    faults = [fault['sentence'] for fault in json.loads(
-        (tmp_path / 'faults.json').read_text())['faults']]
+    assert 'carries it' not in capsys.readouterr().err
     # The gripper of the description is not on the recorded arm.
-    assert any(sentence.startswith('the mass of tip') for sentence in faults)
-    assert (len(faults) == 1) == (value == WAIST), faults
+    (fault,) = json.loads((tmp_path / 'faults.json').read_text())['faults']
+    assert fault['sentence'].startswith('the mass of tip')

@@ -167,7 +167,7 @@ def test_a_description_without_fault(samples, tmp_path, capsys):
 
 def test_the_residual_of_a_large_fault_does_not_hide_a_small_one(tmp_path, capsys):
     bag = str(tmp_path / 'camera.mcap')
-    assert main(['synth', '--motion', 'multisine', '--duration', '90', '--rate', '5', '--noise',
+    assert main(['synth', '--motion', 'multisine', '--duration', '90', '--rate', '2.5', '--noise',
                  '0.1', '--payload', '0.4', '--seed', '3', '-o', bag]) == 0
     (tmp_path / 'arm.urdf').write_text(REVERSED)
     assert main(['check', bag, '--urdf', str(tmp_path / 'arm.urdf'), '--json',

@@ -39,7 +39,7 @@ def std(value):
 @pytest.fixture(scope='module')
 def samples():
     """Return Yu 2022, Eq. (17), with friction on every joint, which is not conservative."""
-    motion = motions.eq17()
+    motion = motions.eq17(rate=2.5)
     tau = arms.gravity_torque(ARM, motion.q)
     tau += COULOMB * motion.qd / np.hypot(motion.qd, 0.002) + VISCOUS * motion.qd
     tau += NOISE * np.random.default_rng(0).normal(size=tau.shape)
@@ -110,9 +110,9 @@ def test_a_brake_engagement_hardly_counts_and_is_reported(samples):
 def test_outliers_of_two_runs_are_reported_with_both(samples):
     half = samples.n_samples // 2
     residual = np.random.default_rng(0).normal(size=samples.tau.shape)
-    residual[[200, half + 10], 3] = 100.0
+    residual[[50, half + 10], 3] = 100.0
     t = np.concatenate([samples.t[:half], samples.t[:samples.n_samples - half]])
     two = JointSamples(samples.names, t, samples.q, samples.qd, samples.tau,
                        (np.arange(samples.n_samples) >= half).astype(int), ('one', 'two'))
     text = str(outliers(two, np.ones(len(two), dtype=int), residual)['iiwa_joint_4'])
-    assert text == f'from {t[200]:.1f} s of one to {t[half + 10]:.1f} s of two'
+    assert text == f'from {t[50]:.1f} s of one to {t[half + 10]:.1f} s of two'

@@ -88,7 +88,7 @@ def test_uneven_motion_uses_accelerations_of_the_whole_recording():
     assert Recording(replace(slow, qdd=None)).slow.qdd is None
 
 
-MOTION = eq17()
+MOTION = eq17(rate=2.5)
 Q = MOTION.q
 
 

@@ -362,8 +362,9 @@ _DAMAGES = (
     lambda d: d['choice'].update(surprise=1))
 
 
-def test_a_damaged_session_is_refused_in_one_line(paths, tmp_path):
-    session = worked(session_of(*paths, place=tmp_path), until='DIAGNOSE')
+def test_a_damaged_session_is_refused_in_one_line(learned, tmp_path):
+    session = learned
+    store.save(tmp_path, session.id, session)
     path = tmp_path / f'{session.id}.json'
     whole = path.read_text()
     for damage in _DAMAGES:
@@ -381,7 +382,7 @@ def test_a_damaged_session_is_refused_in_one_line(paths, tmp_path):
             store.load(tmp_path, text)
 
 
-def test_a_session_that_no_browser_shows_is_closed_when_it_is_saved(paths, tmp_path):
+def test_a_session_that_no_browser_shows_is_closed_when_it_is_saved(paths, learned, tmp_path):
     sessions = Sessions(State(paths), tmp_path, InProcess)
     first, second = (sessions.session('') for _ in range(2))
     assert sessions.session(first.id) is first
@@ -394,8 +395,7 @@ def test_a_session_that_no_browser_shows_is_closed_when_it_is_saved(paths, tmp_p
     sessions.poll()
     assert not sessions.open and sessions.session(second.id).stages
     # One that is saved nowhere stays.
-    third = worked(Sessions(State(paths), None, InProcess).session(''), until='DIAGNOSE')
-    forgetful = Sessions(State(paths), None, InProcess)
+    third, forgetful = learned, Sessions(State(paths), None, InProcess)
     forgetful.open[third.id], third.worker.job = third, None
     third.seen -= UNUSED
     forgetful.poll()
