@@ -18,7 +18,7 @@ def watched():
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp('workbench')
     for number in (1, 2):
-        write_bag(folder / f'run{number}.mcap', [joint_states(two_links(number))])
+        write_bag(folder / f'run{number}.mcap', [joint_states(two_links(number, 600))])
     write_bag(folder / 'other.mcap', [joint_states(two_links(1, names=('a', 'b')))])
     write_bag(folder / EVIL_BAG, [joint_states(two_links(1, 600, names=EVIL),
                                                f'/$${LINK}$$<img src=x>')])
