@@ -7,11 +7,12 @@ import subprocess
 import sys
 
 from bench.shared.rough_links import two_link_urdf
-from examples.ten_minutes import Arm, main, targets
+from examples.ten_minutes import Arm, main, SLOW, targets
 import pytest
 
 
-def test_two_visits_are_filed_and_the_risen_friction_is_shown(tmp_path, capsys):
+def test_two_visits_are_filed_and_the_risen_friction_is_shown(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr('examples.ten_minutes.SLOW', (*SLOW[:-1], '60'))
     urdf = tmp_path / 'arm.urdf'
     urdf.write_text(two_link_urdf(masses=(1.53, 1.02)))
     assert main(['seven', '--simulate', str(urdf), '--folder', str(tmp_path)]) == 0
