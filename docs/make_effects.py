@@ -50,9 +50,10 @@ def _section(effect: Effect) -> list[str]:
     more = ' (and further ones)' if varies else ''
     lines = [f'## {effect.name}', '', effect.description, '',
              f'    {effect.equation}', '']
-    sign = ', not negative' if effect.why_not_negative else ''
-    lines += [f'- `{c.symbol}` {f"in {c.unit}" if c.unit else "(no unit)"}{sign}: {c.meaning}'
-              for c in effect.coefficients]
+    signs = effect.positive({}, len(effect.coefficients))
+    lines += [f'- `{c.symbol}` {f"in {c.unit}" if c.unit else "(no unit)"}'
+              f'{", not negative" if sign else ""}: {c.meaning}'
+              for c, sign in zip(effect.coefficients, signs)]
     lines[-1] += more
     parameters = [f'{name} in {unit}' if unit else name
                   for name, unit in effect.setting_units.items() if name not in _SHARED]

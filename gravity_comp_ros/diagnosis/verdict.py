@@ -7,8 +7,9 @@ from functools import cached_property
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.option_checks import check_positive
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.diagnosis.findings import Finding, FOUND, Verdict
+from gravity_comp_ros.effects.effect import Setting
 from gravity_comp_ros.effects.registry import all_effects, known_effect
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.estimation.estimate import Estimate
@@ -285,4 +286,7 @@ def _bumps(q: FloatArray) -> tuple[FloatArray, FloatArray]:
 class _NoEffect:
     """The effect of a term that is no effect of the library."""
 
-    name, why_not_negative, corrects, is_static = 'unexplained', '', (), True
+    name, corrects, is_static = 'unexplained', (), True
+
+    def positive(self, setting: Setting, count: int) -> BoolArray:
+        return np.zeros(count, dtype=bool)

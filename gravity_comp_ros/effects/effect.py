@@ -17,7 +17,7 @@ from enum import StrEnum
 import math
 from typing import get_type_hints
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import ModelMismatchError, OptionError
 import numpy as np
@@ -81,7 +81,7 @@ class Effect(ABC):
     - `size`: prior RMS of its torque, as a share of the joint's torque scale; or `shares`: the
       prior standard deviations of the coefficients over that scale, one for all or one for each;
       or `std`: that of each coefficient, in its unit.
-    - `why_not_negative`: why no coefficient is negative; '' if coefficients can be negative.
+    - `why_not_negative`: why the coefficients of `positive` are not negative; '' if all can be.
     - `largest`: maximum absolute value of a coefficient; `why_not_larger` is the reason.
 
     :raises OptionError: if an attribute is missing, the scope is unknown or there is no
@@ -193,18 +193,21 @@ class Effect(ABC):
         """Return one coefficient for each column that `columns` returns for the same motion."""
         return self.coefficients
 
+    def positive(self, setting: Setting, count: int) -> BoolArray:
+        """Return a mask (K,) of the coefficients that cannot be negative, all by default."""
+        return np.full(count, bool(self.why_not_negative))
+
     def implausible(self, values: FloatArray, setting: Setting) -> str | None:
         """
         Return why coefficients (K,) are not physical, as a clause; None if they are plausible.
 
         An implausible effect is not added, and the share of its posterior that is implausible
-        counts against it as an alternative. The default checks the sign if `why_not_negative` is
-        set, and the limit `largest`.
+        counts against it as an alternative. The default checks the signs and the limit `largest`.
         """
         values = np.asarray(values)
-        minimum = float(values.min(initial=0.0))
+        minimum = float(values[self.positive(setting, len(values))].min(initial=0.0))
         largest = float(np.abs(values).max(initial=0.0))
-        if self.why_not_negative and minimum < 0.0:
+        if minimum < 0.0:
             return f'the coefficient is negative ({minimum:.3g}): {self.why_not_negative}'
         if largest > self.largest:
             size = f'{largest:.3g} {self.coefficients[0].unit}'.rstrip()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import (
     Coefficient, Coefficients, Effect, Needs, Setting)
@@ -58,6 +58,10 @@ class JointSpring(Effect):
     is_static = True
     resembles_gravity = True
     shares = (0.3,)
+    why_not_negative = _REPELS
+
+    def positive(self, setting: Setting, count: int) -> BoolArray:
+        return np.arange(count) == (-1 if _is_crank(setting) else 0)
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         q = motion.samples.q[:, [joint]]

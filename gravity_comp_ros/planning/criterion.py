@@ -125,7 +125,7 @@ class Question:
             here = posterior.at[self.term]
             return self.size + drawn @ _root(posterior.covariance[np.ix_(here, here)]).T
         drawn = drawn * self.term.prior_std
-        return np.abs(drawn) if self.term.effect.why_not_negative else drawn
+        return np.where(self.term.positive, np.abs(drawn), drawn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,9 +182,9 @@ def _evidence(term: Term, information: FloatArray, score: FloatArray) -> FloatAr
     mean = score @ covariance
     spread = np.linalg.slogdet(np.eye(term.n_columns) + information * term.prior_std ** 2)[1]
     evidence = term.log_odds + 0.5 * ((score * mean).sum(axis=-1) - spread[..., None])
-    if term.effect.why_not_negative:
-        std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-        evidence += (log_ndtr(mean / std[..., None, :]) + np.log(2.0)).sum(axis=-1)
+    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    allowed = log_ndtr(mean / std[..., None, :]) + np.log(2.0)
+    evidence += allowed[..., term.positive].sum(axis=-1)
     return np.asarray(evidence)
 
 

@@ -101,12 +101,11 @@ def _log_share_plausible(posterior: Posterior, term: Term) -> float:
     """
     Return the logarithm of the share of a term's posterior that is physical, from draws.
 
-    Signs are in the evidence already (`gains`).
+    Signs are in the evidence already (`gains`): it is the share of draws of the right signs.
     """
-    if term.effect.why_not_negative:
-        return 0.0
     here = posterior.at[term]
     draws = np.random.default_rng(0).multivariate_normal(
         posterior.beta[here], posterior.covariance[np.ix_(here, here)], _DRAWS, method='eigh')
+    draws = draws[(draws[:, term.positive] >= 0.0).all(axis=1)]
     plausible = sum(term.effect.implausible(draw, term.setting) is None for draw in draws)
-    return float(np.log((plausible + 1.0) / (_DRAWS + 1.0)))
+    return float(np.log((plausible + 1.0) / (len(draws) + 1.0)))

@@ -110,8 +110,7 @@ class Pool:
                           for size, group in self.groups.items()}
         self.log_odds = np.array([term.log_odds for term in terms])
         # The most that a prior of positive coefficients adds to a gain.
-        self.most_share_allowed = sizes * np.array([
-            np.log(2.0) if term.effect.why_not_negative else 0.0 for term in terms])
+        self.most_share_allowed = np.log(2.0) * np.array([term.positive.sum() for term in terms])
         self.of_key: dict[Key, list[int]] = {}
         for k, term in enumerate(terms):
             self.of_key.setdefault(term.key, []).append(k)

@@ -189,10 +189,11 @@ def log_share_allowed(term: Term, mean: FloatArray, precision: FloatArray) -> fl
     The prior is a normal distribution cut at 0, so the factor is the posterior probability of the
     allowed side over the prior's, 1/2, for each coefficient.
     """
-    if not term.effect.why_not_negative:
+    here = term.positive
+    if not here.any():
         return 0.0
     std = np.sqrt(np.diag(np.linalg.inv(precision)))
-    return float((log_ndtr(mean / std) + np.log(2.0)).sum())
+    return float((log_ndtr((mean / std)[here]) + np.log(2.0)).sum())
 
 
 def inflation(posterior: Posterior, scored: Score) -> float:

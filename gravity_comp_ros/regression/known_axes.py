@@ -207,7 +207,10 @@ class KnownAxes(Shared):
         gain = np.log(self._angle_std / np.sqrt(variance)) - 0.5 * self.turned ** 2 / variance
         if not self.is_mounted:
             gain[:2] = -np.inf
-        exact = self._with_exact(self.is_exact | (gain > 0.0))
+        is_exact = self.is_exact | (gain > 0.0)
+        if np.array_equal(is_exact, self.is_exact):
+            return self
+        exact = self._with_exact(is_exact)
         std = np.where(self.is_exact, self.mixture_std,
                        mixture_std(gain, self.turned, variance))
         return replace(exact, mixture_std=np.where(exact.is_exact, std, 0.0))

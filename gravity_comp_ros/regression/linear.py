@@ -154,15 +154,19 @@ def _objective(posterior: Posterior) -> float:
 
 
 def with_exact_angles(fit: Linear) -> Linear:
-    """Return the fit with exact angles where that is more probable."""
-    problem, terms = fit.problem, fit.posterior.terms
-    posterior = solve(fit.posterior.design, terms, precision_of(
-        fit.posterior, problem.scale, problem.options))
+    """
+    Return the fit with exact angles where that is more probable.
+
+    Each exact angle determines others better, so that more of them may be exact.
+    """
     p = len(fit.shared.point)
-    shared = fit.shared.with_exact_angles(posterior.covariance[:p, :p])
-    if shared is fit.shared:
-        return fit
-    return gauss_newton(fit.on(shared.renewed(), fit.posterior.precision))[0]
+    while True:
+        posterior = solve(fit.posterior.design, fit.posterior.terms, precision_of(
+            fit.posterior, fit.problem.scale, fit.problem.options))
+        shared = fit.shared.with_exact_angles(posterior.covariance[:p, :p])
+        if shared is fit.shared:
+            return fit
+        fit = gauss_newton(fit.on(shared.renewed(), fit.posterior.precision))[0]
 
 
 def with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect]) -> Linear:

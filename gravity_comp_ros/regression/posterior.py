@@ -115,10 +115,8 @@ class Posterior:
 
     def _log_share_allowed(self, term: Term) -> float:
         """Return the log evidence that a prior of positive coefficients adds (`gains`)."""
-        if not term.effect.why_not_negative:
-            return 0.0
         ratio = self.beta[self.at[term]] / np.maximum(self.std(term), 1e-300)
-        return float((log_ndtr(ratio) + np.log(2.0)).sum())
+        return float((log_ndtr(ratio) + np.log(2.0))[term.positive].sum())
 
     def std(self, term: Term) -> FloatArray:
         """Return the posterior standard deviations (K,) of the coefficients of a term."""

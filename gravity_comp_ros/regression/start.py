@@ -1,22 +1,21 @@
 """
 Start of the axes of an arm without a description.
 
-The likelihood has several maxima. A search from random axes, with generic friction, an offset and
-own inertia of each joint, finds the best one. A wrong one has several times its residual, unless
-the motion is short: those near the best are compared by the evidence of the arm's own dynamics,
-with right angles where these are more probable.
+The likelihood has several maxima. A search from random axes, with generic friction, an offset, a
+spring and own inertia of each joint, finds the best one. A wrong one has several times its
+residual, unless the motion is short: those near the best are compared by the evidence of the
+arm's own dynamics, with right angles where these are more probable.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import BoolArray, IntArray, JointSamples, spread_over
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, maxima, Nuisance
-from gravity_comp_ros.models.kinematic.chain import Chain, in_frames_of_axes
+from gravity_comp_ros.models.kinematic.chain import in_frames_of_axes
 from gravity_comp_ros.regression.linear import (
     gauss_newton, Linear, with_common_terms, with_exact_angles)
 from gravity_comp_ros.regression.noise import noise_std
@@ -27,13 +26,10 @@ import numpy as np
 # Number of starts of the search, of those that must reach the best minimum again, and of poses.
 # With four that must reach it a search in ten ends at a wrong minimum.
 _STARTS, _HITS, _POSES = 72, 12, 400
-# Starts are one where their gravity at random poses differs by less, as a share of the largest
-# joint torque: Gauss-Newton then reaches the same minimum.
-_ONE = 0.02
 # Widths in rad/s of the direction of generic friction.
 _WIDTHS = (0.003, 0.01, 0.04)
-# Prior standard deviations per N·m of noise: offset, friction, viscous friction, inertia.
-_SPREAD = np.array([30.0, *[30.0] * len(_WIDTHS), 300.0, 30.0])
+# Prior standard deviations per N·m of noise: offset, friction, viscous friction, inertia, spring.
+_SPREAD = np.array([30.0, *[30.0] * len(_WIDTHS), 300.0, 30.0, 30.0])
 # Number of these columns; those of the deviations of later recordings follow.
 GENERIC = len(_SPREAD)
 # Columns that differ between recordings, by zeroed sensors and by temperature: offset, friction of
@@ -53,7 +49,7 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     :raises FitError: if there are no samples.
     """
     found = maxima(arm_problem(*generic_poses(problem, _POSES)), _STARTS, hits=_HITS)
-    axes = _distinct([in_frames_of_axes(state.chain) for state in found])
+    axes = [UnknownLengths.of(in_frames_of_axes(state.chain)) for state in found]
     best = with_common_terms(problem, _most_probable(problem, axes, effects), effects)
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
     reversed_ = best.on(UnknownLengths.of(_axes_of(best).chain.with_first_reversed()),
@@ -61,32 +57,21 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     return _axes_of(min(best, gauss_newton(reversed_, renewed=True)[0], key=_log_noise))
 
 
-def _distinct(chains: list[Chain]) -> list[UnknownLengths]:
-    """Return the axes whose gravity differs from that of those before them."""
-    q = random_poses(chains[0].n_joints)
-    torques = [chain.torque(q) for chain in chains]
-    allowed, kept = _ONE * np.sqrt((torques[0] ** 2).mean(axis=0)).max(), [0]
-    for k in range(1, len(chains)):
-        if all(np.sqrt(((torques[k] - torques[other]) ** 2).mean(axis=0)).max() > allowed
-               for other in kept):
-            kept.append(k)
-    return [UnknownLengths.of(chains[k]) for k in kept]
-
-
-def _most_probable(problem: Problem, axes: list[UnknownLengths],
+def _most_probable(problem: Problem, starts: list[UnknownLengths],
                    effects: Sequence[Effect]) -> UnknownLengths:
     """Return the axes of largest evidence, exact where that is more probable, on few rows."""
-    if len(axes) == 1:
-        return axes[0]
+    if len(starts) == 1:
+        return starts[0]
     few = problem.coarser(_POSES)
+    fits = [with_exact_angles(with_common_terms(few, start, effects)) for start in starts]
+    return UnknownLengths.of(_axes_of(max(fits, key=_log_evidence)).chain)
 
-    def log_evidence(fit: Linear) -> float:
-        posterior = with_exact_angles(fit).posterior
-        return (posterior.log_evidence
-                + 0.5 * few.rows.n_rows * float(np.log(posterior.precision).sum()))
 
-    return _axes_of(max((with_common_terms(few, start, effects) for start in axes),
-                        key=log_evidence))
+def _log_evidence(fit: Linear) -> float:
+    """Return the log evidence with the density of the noise at its most probable size."""
+    posterior = fit.posterior
+    density = 0.5 * posterior.design.n_rows * float(np.log(posterior.precision).sum())
+    return posterior.log_evidence + density
 
 
 def _axes_of(fit: Linear) -> UnknownLengths:
@@ -109,8 +94,8 @@ def generic_poses(problem: Problem, count: int) -> tuple[JointSamples, Nuisance]
     """
     Return means over rows as samples, and the generic columns of each joint.
 
-    They are offset, friction of several widths, viscous friction and inertia, then the deviations
-    of those that change in later recordings.
+    They are offset, friction of several widths, viscous friction, inertia and a spring, then the
+    deviations of those that change in later recordings.
 
     :param count: number of rows, evenly picked.
     """
@@ -118,7 +103,8 @@ def generic_poses(problem: Problem, count: int) -> tuple[JointSamples, Nuisance]
     q, qd, qdd = (mean(x) for x in (samples.q, samples.qd, problem.motion.qdd))
     rows = spread_over(problem.rows.n_rows, count)
     q, qd, qdd = q[rows], qd[rows], qdd[rows]
-    columns = np.stack([np.ones(qd.shape), *(np.tanh(qd / width) for width in _WIDTHS), qd, qdd])
+    columns = np.stack([np.ones(qd.shape), *(np.tanh(qd / width) for width in _WIDTHS), qd, qdd,
+                        q - q.mean(axis=0)])
     later = [own[:, None] * columns[k]
              for own in _later_recordings(problem.rows.run[rows]) for k in CHANGING]
     spread = np.concatenate([_SPREAD, np.resize(_SPREAD[CHANGING], len(later))])

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.effects.effect import Effect
 import numpy as np
 
@@ -51,6 +51,11 @@ class Term:
     def kind(self) -> tuple[object, ...]:
         """Return the key and the discrete parameters: each kind is refined for itself."""
         return self.key, *(self.setting.get(name) for name in self.effect.discrete)
+
+    @cached_property
+    def positive(self) -> BoolArray:
+        """Return a mask (K,) of the coefficients that cannot be negative."""
+        return self.effect.positive(self.setting, self.n_columns)
 
     @property
     def n_columns(self) -> int:

@@ -25,6 +25,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, spread_over
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.least_squares import svd
@@ -46,11 +47,14 @@ _MAX_STEPS, _CONVERGED = 60, 0.3
 _COARSE_SAMPLES = 200
 # Number of starts from random axes before the best axes are varied.
 _RANDOM = 4
-# Maxima within this many nats per effort are the same.
-_SAME = 0.01
+# Distance in nats up to which a maximum counts as the best one, reached again.
+_SAME = 3.0
 # Distance in nats from the best maximum up to which another may be that of the true axes: it has
 # the least noise by chance, without a prior of right angles.
 _NEAR = 10.0
+# Difference of gravity at random poses below which two maxima are one, as a share of the largest
+# joint torque: Gauss-Newton then reaches the same minimum.
+_ONE = 0.02
 
 
 @dataclass(frozen=True)
@@ -348,15 +352,14 @@ def _coarse_maxima(problem: ArmProblem, starts: int, seed: int, hits: int) -> li
     """Return the axes of the best coarse solution, then those of the ones near it."""
     few = ArmSolver.of_axes(_coarse(problem))
     rng, reached = np.random.default_rng(seed), 0
-    same = _SAME * few.problem.tau.size
     best: ArmState | None = None
     found: list[ArmState] = []
     for count in range(1, starts + 1):
         tried = few.run(_next_axes(rng, problem.q.shape[1], count, best))
         found.append(tried)
-        if best is not None and tried.cost > best.cost - same:
+        if best is not None and tried.cost > best.cost - _SAME:
             # A slightly lower cost is the same maximum again.
-            reached += tried.cost < best.cost + same
+            reached += tried.cost < best.cost + _SAME
             if reached >= hits:
                 break
             continue
@@ -365,15 +368,16 @@ def _coarse_maxima(problem: ArmProblem, starts: int, seed: int, hits: int) -> li
 
 
 def _near(states: list[ArmState]) -> list[ArmState]:
-    """Return the state of least cost and those near it; of equal costs one."""
+    """Return the state of least cost, and those near it whose gravity differs."""
     ordered = sorted(states, key=cost_of)
-    result = ordered[:1]
-    for state in ordered[1:]:
-        if state.cost > ordered[0].cost + _NEAR:
-            break
-        if state.cost > result[-1].cost + _CONVERGED:
-            result.append(state)
-    return result
+    q = random_poses(ordered[0].chain.n_joints)
+    torques = [state.chain.torque(q) for state in ordered if state.cost < ordered[0].cost + _NEAR]
+    allowed, kept = _ONE * np.sqrt((torques[0] ** 2).mean(axis=0)).max(), [0]
+    for k in range(1, len(torques)):
+        differences = torques[k] - np.stack([torques[other] for other in kept])
+        if np.sqrt((differences ** 2).mean(axis=1)).max(axis=1).min() > allowed:
+            kept.append(k)
+    return [ordered[k] for k in kept]
 
 
 def _next_axes(rng: np.random.Generator, n: int, count: int, best: ArmState | None) -> FloatArray:

@@ -18,8 +18,8 @@ from scipy.integrate import trapezoid
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-SIGNED = ('torque_offset', 'joint_spring', 'torque_drift')
-POSITIVE = ('coulomb_friction', 'viscous_friction')
+SIGNED = ('torque_offset', 'torque_gain', 'torque_drift')
+POSITIVE = ('coulomb_friction', 'viscous_friction', 'joint_spring')
 SHARED = OwnGravity(np.array([1.0, 3.0, -2.0, 0.5]))
 # Noise of the model in N·m, above that of the data: then no score scatters more than the noise.
 MODEL_NOISE = 3.0 * NOISE
@@ -70,7 +70,7 @@ def test_the_gain_is_the_evidence_of_the_whole_problem_with_the_term(seed, base,
 def test_the_evidence_is_the_normal_density_of_the_data():
     """The data are N(0, diag(1 / precision) + X S X'), without coefficients."""
     design, _, terms = case(1, 6.0)
-    names = [('torque_offset', 0), ('joint_spring', 1), ('torque_drift', 0), ('tool_force', None)]
+    names = [('torque_offset', 0), ('torque_gain', 1), ('torque_drift', 0), ('tool_force', None)]
 
     def density(selected):
         y, blocks, prior = [], [], [design.prior.root, *(np.diag(t.prior_std) for t in selected)]
@@ -154,7 +154,7 @@ def test_a_ranking_has_the_best_terms_first_and_its_bounds_are_bounds(seed):
     ranking = Ranking(posterior, pool, range(len(candidates)), 3.0)
     gains = np.array([gain_of(posterior, term) for term in candidates])
     share = np.array([shared_odds(posterior, term) for term in candidates])
-    upper = np.log(2.0) * np.array([bool(t.effect.why_not_negative) for t in candidates])
+    upper = np.log(2.0) * np.array([t.positive.sum() for t in candidates])
     np.testing.assert_allclose(ranking.bounds, gains - share + upper, rtol=1e-6, atol=1e-6)
     assert (gains <= ranking.bounds + 1e-6).all()
     estimates = list(ranking)
