@@ -57,6 +57,7 @@ class JointSpring(Effect):
     discrete = ('overtones',)
     is_static = True
     resembles_gravity = True
+    frees_axes = True
     shares = (0.3,)
     why_not_negative = _REPELS
 

@@ -211,7 +211,7 @@ def test_a_coefficient_above_its_limit_is_implausible(name):
 
 POSITIVE = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
             'load_dependent_friction', 'coupled_friction', 'cable_stiffness', 'end_stop',
-            'joint_flexibility')
+            'joint_flexibility', 'joint_spring')
 
 
 @pytest.mark.parametrize('name', NAMES)

@@ -18,8 +18,9 @@ from scipy.integrate import trapezoid
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-SIGNED = ('torque_offset', 'torque_gain', 'torque_drift')
-POSITIVE = ('coulomb_friction', 'viscous_friction', 'joint_spring')
+SIGNED = ('torque_offset', 'torque_drift')
+FRICTION = ('coulomb_friction', 'viscous_friction')
+POSITIVE = (*FRICTION, 'joint_spring')
 SHARED = OwnGravity(np.array([1.0, 3.0, -2.0, 0.5]))
 # Noise of the model in N·m, above that of the data: then no score scatters more than the noise.
 MODEL_NOISE = 3.0 * NOISE
@@ -70,7 +71,7 @@ def test_the_gain_is_the_evidence_of_the_whole_problem_with_the_term(seed, base,
 def test_the_evidence_is_the_normal_density_of_the_data():
     """The data are N(0, diag(1 / precision) + X S X'), without coefficients."""
     design, _, terms = case(1, 6.0)
-    names = [('torque_offset', 0), ('torque_gain', 1), ('torque_drift', 0), ('tool_force', None)]
+    names = [('torque_offset', 0), ('torque_offset', 1), ('torque_drift', 0), ('tool_force', None)]
 
     def density(selected):
         y, blocks, prior = [], [], [design.prior.root, *(np.diag(t.prior_std) for t in selected)]
@@ -130,7 +131,7 @@ def test_a_positive_prior_is_the_normal_one_cut_at_zero():
     assert after.log_evidence - before.log_evidence == pytest.approx(expected, abs=1e-3)
 
 
-@pytest.mark.parametrize('name', POSITIVE)
+@pytest.mark.parametrize('name', FRICTION)
 def test_friction_is_not_negative(name):
     column = {'coulomb_friction': lambda qd: np.tanh(qd / 0.002),
               'viscous_friction': lambda qd: qd}[name]
