@@ -242,10 +242,11 @@ class _Work:
         return self._prepared(KnownAxes.of(mounted, mounted is geometry))
 
     def _start(self) -> tuple[Shared, tuple[Term, ...]]:
-        """Return the start of the axes, and the terms with which they were estimated."""
+        """Return the start of the axes, and the static terms that were estimated with them."""
         if self.old is None or self.old.chain is None:
             start = start_axes(self.problem, self.effects)
-            return start.shared, start.posterior.terms
+            return start.shared, tuple(term for term in start.posterior.terms
+                                       if term.effect.is_static and self.old is None)
         known, n = _dynamics_of(self.old), self.old.n_joints
         if known is None or len(known) != 9 * n - 3:
             return self._prepared(UnknownLengths.of(self.old.chain)), ()

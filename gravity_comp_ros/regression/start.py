@@ -23,13 +23,14 @@ from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
 
-# Number of starts of the search, of those that must reach the best minimum again, and of poses.
-# With four that must reach it a search in ten ends at a wrong minimum.
-_STARTS, _HITS, _POSES = 72, 12, 400
+# Number of starts of the search, and of poses.
+_STARTS, _POSES = 72, 400
 # Widths in rad/s of the direction of generic friction.
 _WIDTHS = (0.003, 0.01, 0.04)
-# Prior standard deviations per N·m of noise: offset, friction, viscous friction, inertia, spring.
-_SPREAD = np.array([30.0, *[30.0] * len(_WIDTHS), 300.0, 30.0, 30.0])
+# Prior standard deviations per N·m of noise: offset, friction, viscous friction, inertia.
+_SPREAD = np.array([30.0, *[30.0] * len(_WIDTHS), 300.0, 30.0])
+# That of the stiffness of a spring.
+_STIFFNESS = 30.0
 # Number of these columns; those of the deviations of later recordings follow.
 GENERIC = len(_SPREAD)
 # Columns that differ between recordings, by zeroed sensors and by temperature: offset, friction of
@@ -48,7 +49,9 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> Linear:
 
     :raises FitError: if there are no samples.
     """
-    found = maxima(arm_problem(*generic_poses(problem, _POSES)), _STARTS, hits=_HITS)
+    poses, nuisance = generic_poses(problem, _POSES)
+    springs = poses.q - poses.q.mean(axis=0)
+    found = maxima(arm_problem(poses, nuisance.with_column(springs, _STIFFNESS)), _STARTS)
     axes = [UnknownLengths.of(in_frames_of_axes(state.chain)) for state in found]
     best = with_common_terms(problem, _most_probable(problem, axes, effects), effects)
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
@@ -94,8 +97,8 @@ def generic_poses(problem: Problem, count: int) -> tuple[JointSamples, Nuisance]
     """
     Return means over rows as samples, and the generic columns of each joint.
 
-    They are offset, friction of several widths, viscous friction, inertia and a spring, then the
-    deviations of those that change in later recordings.
+    They are offset, friction of several widths, viscous friction and inertia, then the deviations
+    of those that change in later recordings.
 
     :param count: number of rows, evenly picked.
     """
@@ -103,8 +106,7 @@ def generic_poses(problem: Problem, count: int) -> tuple[JointSamples, Nuisance]
     q, qd, qdd = (mean(x) for x in (samples.q, samples.qd, problem.motion.qdd))
     rows = spread_over(problem.rows.n_rows, count)
     q, qd, qdd = q[rows], qd[rows], qdd[rows]
-    columns = np.stack([np.ones(qd.shape), *(np.tanh(qd / width) for width in _WIDTHS), qd, qdd,
-                        q - q.mean(axis=0)])
+    columns = np.stack([np.ones(qd.shape), *(np.tanh(qd / width) for width in _WIDTHS), qd, qdd])
     later = [own[:, None] * columns[k]
              for own in _later_recordings(problem.rows.run[rows]) for k in CHANGING]
     spread = np.concatenate([_SPREAD, np.resize(_SPREAD[CHANGING], len(later))])

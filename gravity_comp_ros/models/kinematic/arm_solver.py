@@ -47,8 +47,9 @@ _MAX_STEPS, _CONVERGED = 60, 0.3
 _COARSE_SAMPLES = 200
 # Number of starts from random axes before the best axes are varied.
 _RANDOM = 4
-# Distance in nats up to which a maximum counts as the best one, reached again.
-_SAME = 3.0
+# Number of further starts that must reach the best maximum, and distance in nats up to which one
+# counts as that. With four a search in ten ends at a wrong maximum.
+_HITS, _SAME = 12, 3.0
 # Distance in nats from the best maximum up to which another may be that of the true axes: it has
 # the least noise by chance, without a prior of right angles.
 _NEAR = 10.0
@@ -88,6 +89,11 @@ class Nuisance:
     def none(cls, n_joints: int, n_samples: int) -> Nuisance:
         """Return no columns."""
         return cls(np.zeros((n_joints, 0, n_samples)), np.zeros(0))
+
+    def with_column(self, rows: FloatArray, spread: float) -> Nuisance:
+        """Return the same with another column (M, N) of each joint."""
+        return Nuisance(np.concatenate([self.columns, rows.T[:, None]], axis=1),
+                        np.append(self.spread, spread))
 
     def select(self, keep: IntArray) -> Nuisance:
         """Return the columns of some of the samples."""
@@ -333,22 +339,18 @@ def _orthogonal(axes: FloatArray) -> FloatArray:
     return np.asarray(u @ vt)
 
 
-def search(problem: ArmProblem, starts: int, seed: int = 0, hits: int = 4) -> ArmState:
+def search(problem: ArmProblem, starts: int, seed: int = 0) -> ArmState:
     """Return the best solution from at most a number of starts (`maxima`)."""
-    return ArmSolver.of_axes(problem).run(_coarse_maxima(problem, starts, seed, hits)[0])
+    return ArmSolver.of_axes(problem).run(_coarse_maxima(problem, starts, seed)[0])
 
 
-def maxima(problem: ArmProblem, starts: int, seed: int = 0, hits: int = 4) -> list[ArmState]:
-    """
-    Return the best solution and those near it, from at most a number of starts drawn from `seed`.
-
-    :param hits: the number of further starts that must reach the best maximum.
-    """
+def maxima(problem: ArmProblem, starts: int, seed: int = 0) -> list[ArmState]:
+    """Return the best solution and those near it, from at most a number of random starts."""
     solver = ArmSolver.of_axes(problem)
-    return _near([solver.run(axes) for axes in _coarse_maxima(problem, starts, seed, hits)])
+    return _near([solver.run(axes) for axes in _coarse_maxima(problem, starts, seed)])
 
 
-def _coarse_maxima(problem: ArmProblem, starts: int, seed: int, hits: int) -> list[FloatArray]:
+def _coarse_maxima(problem: ArmProblem, starts: int, seed: int) -> list[FloatArray]:
     """Return the axes of the best coarse solution, then those of the ones near it."""
     few = ArmSolver.of_axes(_coarse(problem))
     rng, reached = np.random.default_rng(seed), 0
@@ -360,7 +362,7 @@ def _coarse_maxima(problem: ArmProblem, starts: int, seed: int, hits: int) -> li
         if best is not None and tried.cost > best.cost - _SAME:
             # A slightly lower cost is the same maximum again.
             reached += tried.cost < best.cost + _SAME
-            if reached >= hits:
+            if reached >= _HITS:
                 break
             continue
         best, reached = tried, 0
