@@ -67,8 +67,6 @@ class Effect(ABC):
     - `is_static`: whether it holds the arm at rest, as gravity does.
     - `resembles_gravity`: whether it depends on the pose as gravity may, so that little motion
       does not separate both.
-    - `frees_axes`: whether the axes of an arm without a description are first estimated with it on
-      every joint: otherwise they turn to explain its torque.
     - `needs`: what its torque at a moment depends on. One that does not need the history is
       computed in a control loop, from a motion of one sample.
     - `uses_gravity`: whether its columns depend on the gravity model; if not, they are computed
@@ -105,7 +103,6 @@ class Effect(ABC):
     is_common: bool = False
     is_static: bool = False
     resembles_gravity: bool = False
-    frees_axes: bool = False
     needs: Needs = Needs.HISTORY
     uses_gravity: bool = True
     is_shared: bool = False

@@ -57,7 +57,6 @@ class JointSpring(Effect):
     discrete = ('overtones',)
     is_static = True
     resembles_gravity = True
-    frees_axes = True
     shares = (0.3,)
     why_not_negative = _REPELS
 

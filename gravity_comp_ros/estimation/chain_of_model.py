@@ -114,7 +114,7 @@ def _fitted(model: GravityModel, geometry: Geometry | None, as_described: bool =
     samples, exact, noise = _drawn(model, model.joints if geometry is None else geometry.joints)
     try:
         problem = Problem.of(samples)
-        shared = start_axes(problem, ()).shared if geometry is None else _described(
+        shared = start_axes(problem, ()) if geometry is None else _described(
             geometry, problem, as_described)
         result = regress(problem, shared, ())
     except (FitError, np.linalg.LinAlgError) as error:

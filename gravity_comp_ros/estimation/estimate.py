@@ -217,11 +217,11 @@ class _Work:
         """Return the chain, on described axes unless free ones fit much better."""
         geometry = self.options.geometry
         if geometry is None:
-            return self.regress(*self._start()), ''
+            return self.regress(self._start()), ''
         known = self.regress(self._known(geometry))
         if known.is_white(self.options.white):
             return known, ''
-        free = self.regress(*self._start())
+        free = self.regress(self._start())
         worst = int(np.argmax(known.noise / free.noise))
         precision = known.posterior.precision
         if (free.noise[worst] >= (1.0 - self.options.better) * known.noise[worst]
@@ -234,24 +234,21 @@ class _Work:
 
     def start_of(self, geometry: Geometry | None) -> Shared:
         """Return the start on the axes of a description, or without one."""
-        return self._start()[0] if geometry is None else self._known(geometry)
+        return self._start() if geometry is None else self._known(geometry)
 
     def _known(self, geometry: Geometry) -> Shared:
         """Return described axes, with an estimated vertical if it is not the described one."""
         mounted = with_estimated_vertical(geometry, self.problem)
         return self._prepared(KnownAxes.of(mounted, mounted is geometry))
 
-    def _start(self) -> tuple[Shared, tuple[Term, ...]]:
-        """Return the start of the axes, and the static terms that were estimated with them."""
+    def _start(self) -> Shared:
         if self.old is None or self.old.chain is None:
-            start = start_axes(self.problem, self.effects)
-            return start.shared, tuple(term for term in start.posterior.terms
-                                       if term.effect.is_static and self.old is None)
+            return start_axes(self.problem, self.effects)
         known, n = _dynamics_of(self.old), self.old.n_joints
         if known is None or len(known) != 9 * n - 3:
-            return self._prepared(UnknownLengths.of(self.old.chain)), ()
+            return self._prepared(UnknownLengths.of(self.old.chain))
         return UnknownLengths.of(self.old.chain, known[:3 * n - 3].reshape(n - 1, 3),
-                                 known[3 * n - 3:].reshape(n, 6)), ()
+                                 known[3 * n - 3:].reshape(n, 6))
 
     def _prepared(self, shared: Shared) -> Shared:
         """Return a start with its moments, on which the columns of some effects depend."""

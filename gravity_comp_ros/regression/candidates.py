@@ -126,17 +126,16 @@ def common_terms(factory: TermFactory, effects: Sequence[Effect]) -> tuple[Term,
     """
     Return the effects of motion that are common in joints, where it excites them, at one setting.
 
-    With them, and those that free the axes, the axes are estimated before terms are selected: a
-    chain that absorbs friction is a wrong start. Other static effects would absorb gravity.
+    With them the axes are estimated before terms are selected: a chain that absorbs friction is
+    a wrong start. Static effects would absorb gravity.
     """
     terms = []
     for effect in effects:
-        is_common = effect.is_common and not effect.is_shared and not effect.is_static
-        if not (is_common or effect.frees_axes):
+        if not effect.is_common or effect.is_shared or effect.is_static:
             continue
         for joint in range(factory.motion.samples.n_joints):
             settings, _ = factory.settings(effect, joint)
             if settings:
-                middle = settings[len(settings) // 2 if is_common else 0]
-                terms.append(factory.term(effect, joint, middle, len(settings)))
+                terms.append(factory.term(effect, joint, settings[len(settings) // 2],
+                                          len(settings)))
     return tuple(terms)

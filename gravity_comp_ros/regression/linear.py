@@ -17,7 +17,6 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.regression.candidates import common_terms, TermFactory
 from gravity_comp_ros.regression.design import Design, FIXED
-from gravity_comp_ros.regression.gains import without_weak
 from gravity_comp_ros.regression.noise import (
     CONVERGED, MAX_NOISES, precision_of, white_precision)
 from gravity_comp_ros.regression.posterior import Posterior, solve
@@ -171,19 +170,12 @@ def with_exact_angles(fit: Linear) -> Linear:
 
 
 def with_common_terms(problem: Problem, shared: Shared, effects: Sequence[Effect]) -> Linear:
-    """
-    Return the shared part as estimated together with the effects common in joints.
-
-    Those that free the axes are removed where they are weak.
-    """
+    """Return the shared part as estimated together with the effects common in joints."""
     factory = problem.factory(shared)
     fit = Linear.at(problem, shared, factory, common_terms(factory, effects), problem.weights)
     # Without moments and lengths the torque does not depend on the angles.
-    fit = gauss_newton(fit.on(fit.centred().shared.renewed(), fit.posterior.precision,
-                              is_known=False), renewed=True)[0]
-    strong = without_weak(fit.posterior, lambda term: term.effect.frees_axes,
-                          problem.options.min_gain)
-    return fit if strong is fit.posterior else gauss_newton(fit.selected(strong), renewed=True)[0]
+    return gauss_newton(fit.on(fit.centred().shared.renewed(), fit.posterior.precision,
+                               is_known=False), renewed=True)[0]
 
 
 def _precision(problem: Problem, design: Design, terms: tuple[Term, ...], n_angles: int,

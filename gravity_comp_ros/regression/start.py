@@ -43,9 +43,9 @@ _FLOOR, _SMALL = 1e-4, 0.1
 _MIN_ROWS = 20
 
 
-def start_axes(problem: Problem, effects: Sequence[Effect]) -> Linear:
+def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     """
-    Return axes and moments, estimated together with the terms with which a search begins.
+    Return axes and moments, estimated together with the effects that are common in joints.
 
     :raises FitError: if there are no samples.
     """
@@ -57,7 +57,7 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> Linear:
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
     reversed_ = best.on(UnknownLengths.of(_axes_of(best).chain.with_first_reversed()),
                         best.posterior.precision, is_known=False)
-    return min(best, gauss_newton(reversed_, renewed=True)[0], key=_log_noise)
+    return _axes_of(min(best, gauss_newton(reversed_, renewed=True)[0], key=_log_noise))
 
 
 def _most_probable(problem: Problem, starts: list[UnknownLengths],
