@@ -21,7 +21,9 @@ from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.start import arm_problem, generic_poses
 import numpy as np
 
-_SAMPLES, _ROWS, _STARTS = 20000, 400, 12
+_SAMPLES, _ROWS = 20000, 400
+# Numbers of starts of a search: of equal gains, with which all else is compared, and of others.
+_STARTS, _FEW = 72, 12
 _NONE = np.zeros(0, dtype=np.int64)
 
 
@@ -44,7 +46,7 @@ class ArmFit:
     @cached_property
     def plains(self) -> list[ArmState]:
         """Fits of equal gains and a base at rest, the best one first; a second one if needed."""
-        fits = [self.run(self.start())]
+        fits = [self.run(self.start(starts=_STARTS))]
         if self.rotations is None and not self.is_white(fits[0]):
             fits.append(self.run(self.start(1)))
         return sorted(fits, key=cost_of)
@@ -54,14 +56,14 @@ class ArmFit:
         return self.plains[0]
 
     def start(self, seed: int = 0, log: FloatArray | None = None,
-              rows: slice = slice(None)) -> FloatArray:
+              rows: slice = slice(None), starts: int = _FEW) -> FloatArray:
         """Return the axes (N, 3, 3) of a search from random ones, for efforts of these gains."""
         if self.rotations is not None:
             return self.rotations
         problem = self.problem.select(np.arange(len(self.q))[rows])
         gains = np.exp(np.zeros(self.q.shape[1]) if log is None else -log)
         scaled = replace(problem, tau=problem.tau * gains, floor=problem.floor * gains)
-        return search(scaled, _STARTS, seed).chain.axes
+        return search(scaled, starts, seed).chain.axes
 
     def run(self, axes: FloatArray, log: FloatArray | None = None, free: IntArray = _NONE,
             shares: FloatArray | None = None, base_tilts: FloatArray | None = None) -> ArmState:

@@ -179,6 +179,8 @@ def joint_gains(fit: ArmFit) -> JointGains:
         log = np.zeros(n)
         log[free] = start
         best = min(best, fit.run(fit.start(seed, log), log, free), key=cost_of)
+    # Equal gains may be at a wrong maximum, which other gains have left.
+    equal = min(equal, fit.run(best.chain.axes), key=cost_of)
     std = np.zeros(n)
     std[free] = fit.std(best, free)
     return JointGains(fit.poses.names, reference, best.log, std, fit.rest(best),
