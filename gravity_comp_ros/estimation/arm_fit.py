@@ -22,8 +22,8 @@ from gravity_comp_ros.regression.start import arm_problem, generic_poses
 import numpy as np
 
 _SAMPLES, _ROWS = 20000, 400
-# Numbers of starts of a search: of equal gains, with which all else is compared, and of others.
-_STARTS, _FEW = 72, 12
+# Number of starts of a search, and of one whose result is to be refuted.
+_STARTS, MANY = 12, 72
 _NONE = np.zeros(0, dtype=np.int64)
 
 
@@ -46,7 +46,7 @@ class ArmFit:
     @cached_property
     def plains(self) -> list[ArmState]:
         """Fits of equal gains and a base at rest, the best one first; a second one if needed."""
-        fits = [self.run(self.start(starts=_STARTS))]
+        fits = [self.run(self.start())]
         if self.rotations is None and not self.is_white(fits[0]):
             fits.append(self.run(self.start(1)))
         return sorted(fits, key=cost_of)
@@ -56,7 +56,7 @@ class ArmFit:
         return self.plains[0]
 
     def start(self, seed: int = 0, log: FloatArray | None = None,
-              rows: slice = slice(None), starts: int = _FEW) -> FloatArray:
+              rows: slice = slice(None), starts: int = _STARTS) -> FloatArray:
         """Return the axes (N, 3, 3) of a search from random ones, for efforts of these gains."""
         if self.rotations is not None:
             return self.rotations

@@ -16,7 +16,7 @@ from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.effects.offset import TorqueGain
 from gravity_comp_ros.effects.predict import fitted_torque, predict_torque
-from gravity_comp_ros.estimation.arm_fit import ArmFit
+from gravity_comp_ros.estimation.arm_fit import ArmFit, MANY
 from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, listed, TIMES_GIVEN
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -179,8 +179,10 @@ def joint_gains(fit: ArmFit) -> JointGains:
         log = np.zeros(n)
         log[free] = start
         best = min(best, fit.run(fit.start(seed, log), log, free), key=cost_of)
-    # Equal gains may be at a wrong maximum, which other gains have left.
-    equal = min(equal, fit.run(best.chain.axes), key=cost_of)
+    if fit.is_better(best, equal):
+        # Equal gains may be at a wrong maximum, which other gains have left.
+        equal = min(equal, *(fit.run(axes) for axes in (best.chain.axes, fit.start(starts=MANY))),
+                    key=cost_of)
     std = np.zeros(n)
     std[free] = fit.std(best, free)
     return JointGains(fit.poses.names, reference, best.log, std, fit.rest(best),
