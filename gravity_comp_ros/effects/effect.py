@@ -197,6 +197,11 @@ class Effect(ABC):
         """Return a mask (K,) of the coefficients that cannot be negative, all by default."""
         return np.full(count, bool(self.why_not_negative))
 
+    @property
+    def has_limits(self) -> bool:
+        """Return whether `implausible` checks more than signs."""
+        return self.largest < math.inf or type(self).implausible is not Effect.implausible
+
     def implausible(self, values: FloatArray, setting: Setting) -> str | None:
         """
         Return why coefficients (K,) are not physical, as a clause; None if they are plausible.

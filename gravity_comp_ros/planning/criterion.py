@@ -23,7 +23,6 @@ from gravity_comp_ros.planning.sums import BATCH, Sums
 from gravity_comp_ros.regression.gains import shares_left
 from gravity_comp_ros.regression.term import Term
 import numpy as np
-from scipy.special import log_ndtr
 
 Terms = tuple[Term, ...]
 # Number of drawn results.
@@ -183,8 +182,7 @@ def _evidence(term: Term, information: FloatArray, score: FloatArray) -> FloatAr
     spread = np.linalg.slogdet(np.eye(term.n_columns) + information * term.prior_std ** 2)[1]
     evidence = term.log_odds + 0.5 * ((score * mean).sum(axis=-1) - spread[..., None])
     std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    allowed = log_ndtr(mean / std[..., None, :]) + np.log(2.0)
-    evidence += allowed[..., term.positive].sum(axis=-1)
+    evidence += term.log_share_allowed(mean, std[..., None, :])
     return np.asarray(evidence)
 
 

@@ -103,6 +103,8 @@ def _log_share_plausible(posterior: Posterior, term: Term) -> float:
 
     Signs are in the evidence already (`gains`): it is the share of draws of the right signs.
     """
+    if not term.effect.has_limits:
+        return 0.0
     here = posterior.at[term]
     draws = np.random.default_rng(0).multivariate_normal(
         posterior.beta[here], posterior.covariance[np.ix_(here, here)], _DRAWS, method='eigh')

@@ -25,7 +25,7 @@ from gravity_comp_ros.regression.posterior import Posterior, solve
 from gravity_comp_ros.regression.term import (
     Term, total_std, uncorrected, with_children_of)
 import numpy as np
-from scipy.special import erfc, log_ndtr
+from scipy.special import erfc
 
 # Share of a column below which the others explain it already, whatever its coefficient.
 _EXPLAINED = 3e-3
@@ -183,17 +183,10 @@ def gain_together(posterior: Posterior, terms: Sequence[Term]) -> float:
 
 
 def log_share_allowed(term: Term, mean: FloatArray, precision: FloatArray) -> float:
-    """
-    Return the log evidence that a prior of positive coefficients adds; 0 without one.
-
-    The prior is a normal distribution cut at 0, so the factor is the posterior probability of the
-    allowed side over the prior's, 1/2, for each coefficient.
-    """
-    here = term.positive
-    if not here.any():
+    """Return `Term.log_share_allowed` of coefficients (K,) with a precision (K, K)."""
+    if not term.positive.any():
         return 0.0
-    std = np.sqrt(np.diag(np.linalg.inv(precision)))
-    return float((log_ndtr((mean / std)[here]) + np.log(2.0)).sum())
+    return float(term.log_share_allowed(mean, np.sqrt(np.diag(np.linalg.inv(precision)))))
 
 
 def inflation(posterior: Posterior, scored: Score) -> float:

@@ -12,7 +12,6 @@ from gravity_comp_ros.regression.term import Term, total_std
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
-from scipy.special import log_ndtr
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,18 +104,14 @@ class Posterior:
         scaled = self.covariance / np.outer(std, std)
         return float(self.likelihood_and_odds - 0.5 * (self.from_prior() ** 2).sum()
                      + 0.5 * (np.linalg.slogdet(scaled)[1] + prior.log_det)
-                     + sum(self._log_share_allowed(t) for t in self.terms))
+                     + sum(float(t.log_share_allowed(self.beta[self.at[t]], self.std(t)))
+                           for t in self.terms))
 
     def from_prior(self) -> FloatArray:
         """Return the distance (K,) of the coefficients from their prior means, in its std."""
         p, prior = self.design.n_shared, self.design.prior
         return np.concatenate([prior.whitened(self.beta[:p] - prior.mean),
                                self.beta[p:] / total_std(self.terms)])
-
-    def _log_share_allowed(self, term: Term) -> float:
-        """Return the log evidence that a prior of positive coefficients adds (`gains`)."""
-        ratio = self.beta[self.at[term]] / np.maximum(self.std(term), 1e-300)
-        return float((log_ndtr(ratio) + np.log(2.0))[term.positive].sum())
 
     def std(self, term: Term) -> FloatArray:
         """Return the posterior standard deviations (K,) of the coefficients of a term."""

@@ -9,6 +9,7 @@ from functools import cached_property
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.effects.effect import Effect
 import numpy as np
+from scipy.special import log_ndtr
 
 Key = tuple[str, int | None]
 
@@ -56,6 +57,19 @@ class Term:
     def positive(self) -> BoolArray:
         """Return a mask (K,) of the coefficients that cannot be negative."""
         return self.effect.positive(self.setting, self.n_columns)
+
+    def log_share_allowed(self, mean: FloatArray, std: FloatArray) -> FloatArray:
+        """
+        Return the log evidence (...) that a prior of positive coefficients adds; 0 without one.
+
+        The prior is a normal distribution cut at 0, so the factor is the posterior probability of
+        the allowed side over the prior's, 1/2, for each coefficient.
+
+        :param mean: of the coefficients (..., K), with their standard deviations `std` (..., K).
+        """
+        here = self.positive
+        ratio = mean[..., here] / np.maximum(std[..., here], 1e-300)
+        return np.asarray((log_ndtr(ratio) + np.log(2.0)).sum(axis=-1))
 
     @property
     def n_columns(self) -> int:

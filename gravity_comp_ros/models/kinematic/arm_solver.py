@@ -340,18 +340,20 @@ def _orthogonal(axes: FloatArray) -> FloatArray:
 
 
 def search(problem: ArmProblem, starts: int, seed: int = 0) -> ArmState:
-    """Return the best solution from at most a number of starts (`maxima`)."""
-    return ArmSolver.of_axes(problem).run(_coarse_maxima(problem, starts, seed)[0])
+    """Return the best solution from at most a number of starts, drawn from `seed`."""
+    best = min(_coarse_solutions(problem, starts, seed), key=cost_of)
+    return ArmSolver.of_axes(problem).run(best.chain.axes)
 
 
 def maxima(problem: ArmProblem, starts: int, seed: int = 0) -> list[ArmState]:
-    """Return the best solution and those near it, from at most a number of random starts."""
+    """Return the best solution and those near it, the best one first."""
     solver = ArmSolver.of_axes(problem)
-    return _near([solver.run(axes) for axes in _coarse_maxima(problem, starts, seed)])
+    return _near([solver.run(coarse.chain.axes)
+                  for coarse in _near(_coarse_solutions(problem, starts, seed))])
 
 
-def _coarse_maxima(problem: ArmProblem, starts: int, seed: int) -> list[FloatArray]:
-    """Return the axes of the best coarse solution, then those of the ones near it."""
+def _coarse_solutions(problem: ArmProblem, starts: int, seed: int) -> list[ArmState]:
+    """Return a solution of each start, until the best one was reached often enough."""
     few = ArmSolver.of_axes(_coarse(problem))
     rng, reached = np.random.default_rng(seed), 0
     best: ArmState | None = None
@@ -366,7 +368,7 @@ def _coarse_maxima(problem: ArmProblem, starts: int, seed: int) -> list[FloatArr
                 break
             continue
         best, reached = tried, 0
-    return [state.chain.axes for state in _near(found)]
+    return found
 
 
 def _near(states: list[ArmState]) -> list[ArmState]:
