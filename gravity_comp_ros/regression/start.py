@@ -53,7 +53,7 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     springs = poses.q - poses.q.mean(axis=0)
     found = maxima(arm_problem(poses, nuisance.with_column(springs, _STIFFNESS)), _STARTS)
     axes = [UnknownLengths.of(in_frames_of_axes(state.chain)) for state in found]
-    best = with_common_terms(problem, _most_probable(problem, axes, effects), effects)
+    best = _most_probable(problem.coarser(_POSES), axes, effects)
     # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
     reversed_ = best.on(UnknownLengths.of(_axes_of(best).chain.with_first_reversed()),
                         best.posterior.precision, is_known=False)
@@ -61,13 +61,13 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
 
 
 def _most_probable(problem: Problem, starts: list[UnknownLengths],
-                   effects: Sequence[Effect]) -> UnknownLengths:
-    """Return the axes of largest evidence, exact where that is more probable, on few rows."""
-    if len(starts) == 1:
-        return starts[0]
-    few = problem.coarser(_POSES)
-    fits = [with_exact_angles(with_common_terms(few, start, effects)) for start in starts]
-    return UnknownLengths.of(_axes_of(max(fits, key=_log_evidence)).chain)
+                   effects: Sequence[Effect]) -> Linear:
+    """Return the axes of largest evidence, compared with exact angles if there are several."""
+    fits = [with_common_terms(problem, start, effects) for start in starts]
+    if len(fits) == 1:
+        return fits[0]
+    best = max(map(with_exact_angles, fits), key=_log_evidence)
+    return best.on(UnknownLengths.of(_axes_of(best).chain))
 
 
 def _log_evidence(fit: Linear) -> float:
