@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from hashlib import sha256
 import secrets
 
 from gravity_comp_ros.errors import GravityCompError
@@ -36,9 +37,10 @@ class Page:
 
     @property
     def tag(self) -> str:
-        """Return a text that changes with everything that the page shows."""
+        """Return a word, which any address contains unchanged, for everything that is shown."""
         session = self.session
-        return f'{session.version} {session.worker.job} {session.progress} {self.results.other}'
+        state = session.version, str(session.worker.job), session.progress, self.results.other
+        return sha256(repr(state).encode()).hexdigest()
 
     def parts(self) -> dict[str, str]:
         """Return the HTML of each place of the page, and the `key` of the views."""

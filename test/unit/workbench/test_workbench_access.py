@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 import re
 import threading
+import time
 import urllib.parse
 
 from bench.shared.rough_links import two_links
@@ -76,7 +77,8 @@ def served(tmp_path):
     running.close()
 
 
-def test_only_the_token_opens_the_page_and_only_a_page_changes_a_session(served):
+def test_only_the_token_opens_the_page_and_only_a_page_changes_a_session(served, monkeypatch):
+    monkeypatch.setattr(serve, '_MAX_WAIT', 0.5)
     (session,) = served.sessions.open.values()
     own, rest = f'http://{served.host}', f'?token={TOKEN}&session={session.id}'
     for path in ('/', '/?token=', '/?token=a-secre', '/shown', '/act', '/view', '/file/arm.json',
@@ -94,6 +96,11 @@ def test_only_the_token_opens_the_page_and_only_a_page_changes_a_session(served)
     assert served.request(f'/shown?token={TOKEN}&session=other')[0] == 404
     state = json.loads(served.request(f'/shown{rest}')[1])
     assert '<h1>' in state['verdict'] and 'run.mcap' in state['settings']
+    # The same page again is sent only when it changes, or after a while.
+    again = f'/shown{rest}&{urllib.parse.urlencode({"tag": state["tag"]})}'
+    began = time.monotonic()
+    assert json.loads(served.request(again)[1])['tag'] == state['tag']
+    assert time.monotonic() - began >= 0.5
     body = json.dumps({'what': 'cancel', 'value': '', 'form': []})
     for headers in ({}, {'Origin': 'http://evil.example'}):
         assert served.request(f'/act{rest}', 'POST', body, **headers)[0] == 403
