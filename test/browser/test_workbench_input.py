@@ -59,11 +59,15 @@ DROP = """([name, data]) => {
 }"""
 
 
-def test_a_recording_is_uploaded_to_the_page(folder, server, watched):
+def test_work_continues_after_cancelling_and_a_recording_is_uploaded(folder, server, watched):
     address = server[0]
     with watched(home(address)) as tab:
         page = tab.page
         tab.open(address)
+        page.get_by_role('button', name='Cancel').click()
+        page.locator('#trouble').filter(has_text='was cancelled').wait_for()
+        expect(page.locator('#doing')).to_have_count(0)
+        page.get_by_role('button', name='Try again').click()
         page.get_by_role('button', name='Save the model').wait_for()
         runs = page.locator('#side input[type=checkbox]')
         runs.nth(1).wait_for()
@@ -120,20 +124,6 @@ def test_a_session_persists_and_is_open_in_several_windows(folder, server, watch
         with pytest.raises(urllib.request.HTTPError, match='403'):
             urllib.request.urlopen(home(address), timeout=PATIENCE)
         assert tab.complaints == [] and other.complaints == []
-
-
-def test_work_continues_after_cancelling(server, watched):
-    address = server[0]
-    with watched(home(address)) as tab:
-        page = tab.page
-        tab.open(address)
-        again = page.get_by_role('button', name='Try again')
-        page.get_by_role('button', name='Cancel').click()
-        page.locator('#trouble').filter(has_text='was cancelled').wait_for()
-        expect(page.locator('#doing')).to_have_count(0)
-        again.click()
-        page.locator('#idle').wait_for()
-        assert tab.complaints == []
 
 
 def test_a_request_for_the_page_starts_no_process(server):

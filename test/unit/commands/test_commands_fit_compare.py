@@ -96,7 +96,7 @@ def test_a_named_gate_counts_more_than_that_of_the_fit(bags, capsys, tmp_path):
 def scaled(bags, tmp_path_factory):
     path = str(tmp_path_factory.mktemp('scaled') / 'm.json')
     assert main(['fit', bags['train'], '--joints', 'elbow,shoulder', '--effort-scale',
-                 'elbow=-2', '-o', path]) == 0
+                 'elbow=-2', '--formulation', 'potential', '-o', path]) == 0
     return path
 
 

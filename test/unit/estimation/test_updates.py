@@ -182,9 +182,9 @@ def test_a_payload_where_the_drive_subtracts_its_own_gravity(kind, share):
         return JointSamples.single_run(names, motion.t, motion.q, motion.qd, tau)
 
     options = FitOptions('chain', geometry=IIWA) if kind == 'known axes' else FitOptions(kind)
-    model = fit(effort(bare, motions.eq17(), 0), options).model
+    model = fit(effort(bare, motions.eq17(60.0), 0), options).model
     loaded = with_payload(bare, Payload(2.0, COM))
-    payload = update(model, effort(loaded, motions.eq17(start=100.0), 1),
+    payload = update(model, effort(loaded, motions.eq17(60.0, start=100.0), 1),
                      geometry=IIWA).report.payload
     assert payload.mass.value == pytest.approx(2.0, rel=0.03)
     assert [payload.centre[axis].value for axis in 'xyz'] == pytest.approx(COM, abs=0.005)

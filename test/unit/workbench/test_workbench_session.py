@@ -47,14 +47,30 @@ def paths(tmp_path_factory):
 
 
 @pytest.fixture(scope='module')
-def first_stage(paths):
-    return worked(session_of(*paths), until='DIAGNOSE')
+def first_read(paths):
+    return worked(session_of(*paths), until='LEARN')
+
+
+@pytest.fixture(scope='module')
+def first_stage(first_read):
+    return worked(deepcopy(first_read), until='DIAGNOSE')
 
 
 @pytest.fixture
 def learned(first_stage):
     """Return a session with a model of gravity, before its diagnosis."""
     return deepcopy(first_stage)
+
+
+@pytest.fixture(scope='module')
+def first_diagnosis(first_stage):
+    return worked(deepcopy(first_stage))
+
+
+@pytest.fixture
+def diagnosed(first_diagnosis):
+    """Return a session with a model of gravity and its diagnosis."""
+    return deepcopy(first_diagnosis)
 
 
 def test_joints_are_given_by_number(paths):
@@ -67,13 +83,12 @@ def test_joints_are_given_by_number(paths):
     assert session.read.reports[0].effort_scale == {'shoulder': 2.0}
 
 
-def test_add_reduces_the_error_and_undo_restores_it(paths):
-    session = worked(session_of(*paths), until='LEARN')
-    results = Results(session)
-    assert session.choice.runs == (0, 1) and session.choice.joints == JOINTS
+def test_add_reduces_the_error_and_undo_restores_it(first_read, diagnosed):
+    results = Results(first_read)
+    assert first_read.choice.runs == (0, 1) and first_read.choice.joints == JOINTS
     constant = results.contents()
     np.testing.assert_allclose(constant.predicted[0], results.recording.samples.tau.mean(axis=0))
-    worked(session)
+    session, results = diagnosed, Results(diagnosed)
     assert session.worker.done == ['READ', 'LEARN', 'DIAGNOSE'] and not session.error
     targets = [targets for _, targets in results.findings()]
     assert ('coulomb_friction:shoulder',) in targets
@@ -104,10 +119,10 @@ def test_add_reduces_the_error_and_undo_restores_it(paths):
         'shoulder'].rmse
 
 
-def test_the_button_of_a_finding_adds_what_diagnose_names(learned):
+def test_the_button_of_a_finding_adds_what_diagnose_names(diagnosed):
     """An ambiguous effect whose size is not physical is replaced by its alternatives."""
-    session, results = learned, Results(learned)
-    finding = worked(session).diagnosis.findings[0]
+    session, results = diagnosed, Results(diagnosed)
+    finding = session.diagnosis.findings[0]
 
     def button_of(verdict, *to_add):
         changed = replace(finding, verdict=verdict, to_add=to_add)
@@ -293,9 +308,9 @@ def test_command_lines_reproduce_the_model_exactly(paths, tmp_path, capsys, seed
         assert (errors[name]['n'], errors[name]['rmse']) == (joint.n, joint.rmse)
 
 
-def test_a_saved_session_is_restored(paths, tmp_path):
-    place = tmp_path / 'state'
-    session = worked(session_of(*paths, place=place), until='DIAGNOSE')
+def test_a_saved_session_is_restored(learned, tmp_path):
+    place, session = tmp_path / 'state', learned
+    session.place = place
     session.add(BOTH)
     worked(session, until='DIAGNOSE')
     assert (place / f'{session.id}.json').stat().st_mode & 0o077 == 0
