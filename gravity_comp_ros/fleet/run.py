@@ -8,16 +8,18 @@ package `cryptography` is installed; those of a scheduler with an address tls://
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 import hashlib
 import importlib.util
 from itertools import islice
 import json
 import logging
 from pathlib import Path
+from queue import SimpleQueue
 import signal
 import threading
 from typing import Any
@@ -36,6 +38,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.storage import data_files
+from tornado.ioloop import IOLoop
 
 _SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
 # Timeout of the connection to a scheduler, s.
@@ -116,12 +119,26 @@ def _client(options: ClusterOptions) -> Iterator[Client]:
             yield client
         return
     try:
-        client = Client(options.scheduler, timeout=_CONNECT, set_as_default=False)
+        client = Client(options.scheduler, timeout=_CONNECT, set_as_default=False,
+                        loop=_event_loop())
     except (OSError, ValueError, TypeError) as error:
         raise DataError(f'no Dask scheduler answers at {options.scheduler}: '
                         f'{" ".join(str(error).split())}') from None
     with client:
         yield client
+
+
+@cache
+def _event_loop() -> IOLoop:
+    """Return the event loop of this process, in a thread; the start of Dask's own may time out."""
+    started = SimpleQueue[IOLoop]()
+
+    async def run() -> None:
+        started.put(IOLoop.current())
+        await asyncio.Event().wait()
+
+    threading.Thread(target=asyncio.run, args=(run(),), daemon=True).start()
+    return started.get()
 
 
 def _local_cluster(options: ClusterOptions) -> LocalCluster:
@@ -134,6 +151,7 @@ def _local_cluster(options: ClusterOptions) -> LocalCluster:
         return LocalCluster(
             n_workers=options.workers, threads_per_worker=1, processes=options.workers > 1,
             memory_limit=0, dashboard_address=None, silence_logs=logging.CRITICAL,
+            loop=_event_loop(),
             security=Security.temporary() if _can_encrypt() else None)
     finally:
         if in_main:
