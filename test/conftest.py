@@ -14,13 +14,13 @@ settings.register_profile('quick', max_examples=25, deadline=None)
 settings.load_profile('quick')
 # Test files of more than ten seconds, the longest first.
 LONGEST = (
-    'test_workbench_input.py', 'test_workbench_loop.py', 'test_node_learning.py',
-    'test_node_acceptance.py', 'test_ten_minutes.py', 'test_report_html.py', 'test_node_ros.py',
-    'test_node_suspicion.py', 'test_pages.py', 'test_node_fitting.py',
-    'test_workbench_session.py', 'test_description_check.py', 'test_fleet.py',
-    'test_joint_gains.py', 'test_diagnosis.py', 'test_gravity_fit.py', 'test_pushed_arm.py',
-    'test_refit.py', 'test_same_model.py', 'test_updates.py', 'test_tilt_and_zero_angles.py',
-    'test_chain_fit.py', 'test_command_add.py')
+    'test_ten_minutes.py', 'test_workbench_loop.py', 'test_workbench_input.py',
+    'test_joint_gains.py', 'test_node_suspicion.py', 'test_node_learning.py',
+    'test_description_check.py', 'test_report_html.py', 'test_node_acceptance.py',
+    'test_pages.py', 'test_node_ros.py', 'test_diagnosis.py', 'test_fleet.py',
+    'test_workbench_session.py', 'test_chain_fit.py', 'test_node_fitting.py', 'test_updates.py',
+    'test_gravity_fit.py', 'test_same_model.py', 'test_pushed_arm.py',
+    'test_tilt_and_zero_angles.py', 'test_refit.py', 'test_commands_fit_compare.py')
 BAGS = Path(__file__).resolve().parents[1] / 'bags'
 # Modules that package.xml does not name, so that a workspace with rosdep's packages lacks them.
 OPTIONAL = {'bokeh', 'dask', 'distributed', 'mujoco', 'playwright', 'pyarrow', 'shtab', 'tornado'}
