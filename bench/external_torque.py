@@ -91,10 +91,10 @@ class Pushed:
         return Push(self.step * STEP, body, scale * force, scale * torque, std)
 
 
-def fitted(build: str, seed: int) -> gc.Model:
-    """Return the model of an arm's slow motion."""
+def fitted(build: str, seed: int, seconds: float = TRAINING) -> gc.Model:
+    """Return the model of some seconds of an arm's slow motion."""
     arm = MujocoArm(build, None, seed)
-    recording = gc.Recording(record(arm, SlowPath.random(len(arm.joints), seed), 0.0, TRAINING))
+    recording = gc.Recording(record(arm, SlowPath.random(len(arm.joints), seed), 0.0, seconds))
     with tempfile.TemporaryDirectory() as folder:
         description = Path(folder) / 'arm.urdf'
         description.write_text(urdf(arm.links))

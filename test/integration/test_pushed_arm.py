@@ -10,7 +10,7 @@ RATE, STANDARD_DEVIATIONS = 100.0, 5.0
 @pytest.mark.parametrize(('build', 'seed'), [
     ('seven', 38), pytest.param('six', 39, marks=pytest.mark.campaign)])
 def test_pushes_are_found_within_50_ms_and_free_motion_is_no_push(build, seed):
-    model = fitted(build, seed)
+    model = fitted(build, seed, 45.0)
     alarms, hours, ratio = free(model, build, seed, RATE, minutes=0.5)
     assert alarms == 0 and hours > 0.9 * 0.5 / 60.0
     rms, largest = ratio
