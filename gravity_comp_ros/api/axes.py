@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -152,7 +152,7 @@ def _order(recording: Recording, joints: tuple[str, ...], is_ordered: bool) -> J
 def _described(tree: RobotTree, reports: Sequence[ReadReport], joints: Sequence[str],
                options: ArmOptions, choose: bool) -> KnownArm:
     chosen, left_out = tree.arm_joints(joints) if choose else (tuple(joints), {})
-    geometry = described(tree, reports, chosen, options.fixed).geometry
+    geometry = described(tree, reports, chosen, left_out, options.fixed).geometry
     masses = ', its masses as a prior of the inertias' if geometry.inertials.any() else ''
     notes = [f'axes from {tree.source}{masses}']
     notes += [f'joint {name} is left out: it {reason}' for name, reason in left_out.items()]
@@ -163,24 +163,30 @@ def _described(tree: RobotTree, reports: Sequence[ReadReport], joints: Sequence[
 
 
 def described(tree: RobotTree, reports: Sequence[ReadReport], joints: Sequence[str],
-              fixed: Mapping[str, float]) -> DescribedArm:
+              left_out: Collection[str], fixed: Mapping[str, float]) -> DescribedArm:
     """
     Return the arm of these joints; others on the path are fixed, or held as recorded.
 
+    :param left_out: recorded joints that are none of the arm, by `RobotTree.arm_joints`.
     :raises DataError: if a joint that carries the arm moves in a recording.
     :raises ModelMismatchError: if the description is of another arm.
     """
     # Imports the XML parser.
     from gravity_comp_ros.description.links import DescribedArm
     arm = DescribedArm(tree, joints, fixed)
-    names = [name for name in arm.held_joints() if name not in fixed]
+    path = {joint.name for joint in tree.arm_path(joints)}
+    names = [name for name in left_out if tree.joints[name].kind == 'fixed' and name in path]
+    names += [name for name in arm.held_joints() if name not in fixed]
     recorded = {}
     for name, q in _positions(tree, reports, names).items():
-        span = np.ptp(q)
+        span, joint = np.ptp(q), tree.joints[name]
         if span > _AT_REST:
+            advice = ('learn it as a joint of the arm (--joints), or give its position (--fixed '
+                      'JOINT=VALUE)' if joint.revolute else
+                      f'it is {joint.kind} in {tree.source}, and only revolute joints can be '
+                      f'learned: correct its type, or record it at rest')
             raise DataError(f'joint {name} moves by {span:.3g} during the recordings, and it '
-                            f'carries the arm: learn it as a joint of the arm (--joints), or give '
-                            f'its position (--fixed JOINT=VALUE)')
+                            f'carries the arm: {advice}')
         recorded[name] = float(np.median(q))
     return DescribedArm(tree, joints, fixed, recorded) if recorded else arm
 

@@ -116,7 +116,7 @@ def described_in(args: argparse.Namespace, recording: Recording) -> DescribedArm
         raise DataError('no recording contains a robot description: name a file with '
                         '--urdf')
     reports = recording.reports
-    arm = described(description, reports, description.arm_joints(recording.joints)[0], args.fixed)
+    arm = described(description, reports, *description.arm_joints(recording.joints), args.fixed)
     terminal.warn(*(f'joint {name} moves, and the arm carries it: its links are taken at rest, '
                     f'unless it is a joint of the arm (--joints)'
                     for name in carried_in_motion(arm, reports)))

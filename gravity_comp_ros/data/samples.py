@@ -266,18 +266,21 @@ def joint_named(text: str, joints: Sequence[str]) -> str | None:
     return None
 
 
-def rename_hint(known: Sequence[str], wanted: Sequence[str]) -> str:
+def rename_hint(known: Sequence[str], wanted: Sequence[str], to_known: bool = False) -> str:
     """
     Return the `--rename` that maps recorded names to wanted ones, '' if the names do not tell.
 
     Names correspond if they are equal without what all of them have in common at the beginning
     and at the end, as prefixes of a robot.
+
+    :param to_known: whether the wanted names are the recorded ones, and are mapped to known ones.
     """
     pairs = _by_ending(known, wanted) or _by_core(known, wanted)
     if not pairs or len(set(pairs.values())) < len(wanted):
         return ''
     return '; if these are the same joints: --rename ' + ','.join(
-        f'{old}={new}' for new, old in pairs.items() if old != new)
+        f'{new}={old}' if to_known else f'{old}={new}' for new, old in pairs.items()
+        if old != new)
 
 
 def _by_ending(known: Sequence[str], wanted: Sequence[str]) -> dict[str, str]:

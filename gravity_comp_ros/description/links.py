@@ -39,6 +39,8 @@ INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 _VERTICAL = 1e-6
 # Reach in m that is added to the lengths of an arm: its last link has none.
 _MIN_REACH = 0.5
+# Length in m that no link of an arm has; that of a few centimetres in mm has it.
+_MAX_LENGTH = 20.0
 # Negative second moment of a thin link, as a share of the largest, by rounded numbers.
 _ROUNDING = 0.05
 # Positions of joints outside the arm, by name, in rad (m if prismatic).
@@ -80,6 +82,7 @@ class DescribedArm:
 
     :param fixed: positions from an option, of other joints on the path to the last one of the arm.
     :param recorded: positions from the recording of joints that are not fixed.
+    :raises DataError: if a length is in mm.
     :raises ModelMismatchError: if the joints are not those of one arm.
     :raises OptionError: if `fixed` names a joint of the arm or an unknown joint, or a position is
         not finite.
@@ -106,6 +109,8 @@ class DescribedArm:
                 place = self._hold(joint, place)
             if names:
                 self._places[joint.child] = place
+        for name, origin in zip(names[1:], origins[1:]):
+            _check_length(origin, f'{tree.source}: joint {name}')
         self.geometry = Geometry(tuple(names), np.array(rotations), np.array(origins),
                                  path[-1].child, place.rotation, tuple(self._held), tree.source)
         self.geometry = replace(self.geometry, inertials=frame_parameters(self, self._possible()))
@@ -157,7 +162,7 @@ class DescribedArm:
         """
         Return the inertials of the links of the arm, by name.
 
-        :param required: whether some link must have a mass.
+        :param required: whether some link must have a mass, and all centres lengths of an arm.
         :raises DataError: if no link of the arm has a mass, or a number is wrong.
         """
         result = {}
@@ -169,6 +174,8 @@ class DescribedArm:
             raise DataError(f'{self.tree.source} gives no mass to any link of the arm '
                             f'({shown_names(list(self.places))}): add an <inertial> with a rough '
                             f'mass to its links')
+        for name, own in result.items() if required else ():
+            _check_length(own.centre, f'{self.tree.source}: the centre of mass of {name}')
         return result
 
     def columns(self, q: FloatArray, links: Collection[str]) -> FloatArray:
@@ -320,3 +327,10 @@ def _inertial(element: Element, link: str, source: str) -> Inertial:
     own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     return Inertial(mass, numbers('origin', 'xyz', '0 0 0'), rotation,
                     rotation @ own @ rotation.T)
+
+
+def _check_length(origin: FloatArray, what: str) -> None:
+    length = float(np.linalg.norm(origin))
+    if length > _MAX_LENGTH:
+        raise DataError(f'{what} is {length:.3g} m from the frame before it: is the description '
+                        f'in mm? Lengths of a URDF are in m')

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import FloatArray, rename_hint
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.kinematic.chain import about
 from gravity_comp_ros.printable import printable, shown_names
@@ -183,8 +183,10 @@ class RobotTree:
         missing = sorted(set(joints) - set(self.joints))
         if missing or not joints:
             known = [joint.name for joint in self.joints.values() if joint.moves]
+            revolute = [name for name in known if self.joints[name].revolute]
             raise ModelMismatchError(f'{self.source} has no joint {", ".join(missing)}; it has '
-                                     f'{shown_names(known, _MAX_NAMES)}')
+                                     f'{shown_names(known, _MAX_NAMES)}'
+                                     f'{rename_hint(revolute, [*joints], to_known=True)}')
 
 
 def read_text(path: Path | str, kind: str = 'URDF') -> bytes:
@@ -243,9 +245,9 @@ def parse_tree(text: str | bytes, source: str = 'URDF', folder: Path | None = No
         element.tag = element.tag.rpartition('}')[2]
     if root.tag != 'robot':
         raise DataError(f'{source} is not a URDF: its root is <{printable(root.tag)}>, not '
-                        f'<robot>')
-    values = [value for joint in root.iterfind('joint') for part in joint.iter()
-              for value in part.attrib.values()]
+                        f'<robot>; name the URDF of this arm')
+    values = [value for path in ('joint', 'link/inertial') for element in root.iterfind(path)
+              for part in element.iter() for value in part.attrib.values()]
     if has_xacro or any('${' in value or '$(' in value for value in values):
         raise DataError(f'{source} is a xacro file: convert it to a URDF first '
                         f'(`xacro {source} > robot.urdf`)')

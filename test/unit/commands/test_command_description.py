@@ -11,7 +11,7 @@ from gravity_comp_ros.api.axes import ArmOptions, known_arm
 from gravity_comp_ros.api.read import read_recording
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.description.joint_order import JointOrder
-from gravity_comp_ros.errors import ModelMismatchError
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.simulation import arms, motions
@@ -119,6 +119,13 @@ def test_check_names_joints_that_the_arm_carries_and_that_move(bags, capsys):
 def test_a_moving_waist_is_reported(bags):
     assert ('joint waist moves by 0.199 during the recordings'
             in known(bags / 'moving', JOINTS).problem)
+
+
+def test_a_joint_that_moves_and_is_fixed_in_the_description_is_refused(bags, tmp_path):
+    urdf = tmp_path / 'arm.urdf'
+    urdf.write_text(WAISTED.replace('name="waist" type="revolute"', 'name="waist" type="fixed"'))
+    with pytest.raises(DataError, match=f'waist moves by .* it is fixed in {urdf}.*correct its'):
+        known(bags / 'moving', urdf=str(urdf))
 
 
 def test_check_holds_a_waist_where_it_was_recorded(bags, capsys, tmp_path):

@@ -151,6 +151,9 @@ def test_few_samples_and_descriptions_without_mass_are_refused(samples):
     text = re.sub(r'<inertial>.*?</inertial>', '', URDF, flags=re.DOTALL)
     with pytest.raises(DataError, match='gives no mass'):
         described_arm(text, JOINTS).inertials()
+    text = re.sub(r'(<inertial>.*?<origin xyz=")[^"]*', r'\g<1>0 0 120', URDF, flags=re.DOTALL)
+    with pytest.raises(DataError, match='is 120 m from the frame before it: is the descr.* mm'):
+        described_arm(text, JOINTS).inertials()
 
 
 def test_a_description_without_fault(samples, tmp_path, capsys):

@@ -80,6 +80,10 @@ def test_joints_are_in_the_order_of_the_arm():
     ('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arg name="x"/></robot>', ('a',),
      DataError, 'xacro'),
     (TILTED.replace('xyz="0.1 0 0.2"', 'xyz="${reach} 0 0"'), ('a',), DataError, 'xacro'),
+    (TILTED.replace('</robot>', '<link name="arm"><inertial><mass value="${m}"/></inertial></link>'
+                    '</robot>'), ('a',), DataError, 'is a xacro file'),
+    (TILTED.replace('xyz="0 0.2 0"', 'xyz="0 200 0"'), ('a', 'b', 'c'), DataError,
+     'joint b is 200 m from the frame before it: is the description in mm?'),
     ('<robot><joint name="a" type="revolute"/></robot>', ('a',), DataError, 'no parent'),
     (TILTED.replace('name="c"', 'name="a"'), ('a',), DataError, 'two joints are named a'),
     (TILTED.replace('<child link="tip"/>', '<child link="two"/>'), ('a',), DataError,
@@ -263,6 +267,8 @@ def test_selection_of_the_arm_joints():
     with pytest.raises(ModelMismatchError, match='2 different branches: left_s0.*[|] right_s0.*'
                                                  '--joints left_s0,left_s1,left_e0'):
         parse_tree(robots.BAXTER).arm_joints(both)
+    with pytest.raises(ModelMismatchError, match='--rename left_joint1=panda_joint1,left_'):
+        parse_tree(robots.PANDA).arm_joints([f'left_joint{k}' for k in range(1, 8)])
     with pytest.raises(ModelMismatchError, match='no joint elbow'):
         parse_tree(robots.PANDA).arm_joints(['elbow'])
     with pytest.raises(ModelMismatchError, match='torso_lift_joint is prismatic'):
