@@ -19,7 +19,7 @@ from gravity_comp_ros.recordings.messages import (
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
-from mcap.stream_reader import breakup_chunk, StreamReader
+from mcap.stream_reader import breakup_chunk, CRCValidationError, StreamReader
 from mcap.summary import Summary
 import numpy as np
 
@@ -36,47 +36,72 @@ class ChunkError(ValueError):
 
 class McapStorage(Storage):
     """
-    An open MCAP file with a footer and a summary; `named` is its name in messages.
+    An open MCAP file; `named` is its name in messages.
 
-    :raises BagError: if the file is truncated or damaged; the message gives the number of
-        readable messages.
+    Of a damaged or truncated file, as of a recorder that was killed, the readable messages are
+    read, with a note.
+
+    :raises BagError: if no message can be read.
     """
 
     def __init__(self, path: Path, named: Path | None = None) -> None:
         self._path, self._file = named or path, path
+        self._damage: Exception | None = None
         self._stream = path.open('rb')
         try:
-            self._check_end()
-            self._summary = SeekingReader(self._stream, record_size_limit=_MAX_BYTES).get_summary()
+            self._summary = self._read_summary()
             self.topics = _topics(self._summary) if self._summary else Counter(
-                topic for topic, _ in _messages(path))
+                topic for topic, _ in self._messages())
+            if self._damage and not self.topics:
+                raise self._unreadable()
         except BagError:
             self._stream.close()
             raise
-        except Exception as error:  # the library raises various types for damaged files
-            self._stream.close()
-            raise self._damaged(error) from None
 
     def batches(self, topic: str) -> Iterator[Batch]:
         """Yield the messages of a topic in batches; whole chunks if the file has an index."""
-        try:
-            if self._summary is None or not self._summary.chunk_indexes:
-                yield from batched((message.log_time, message.data) for of, message
-                                   in _messages(self._file) if of.name == topic)
-                return
-            known = self._summary.channels
-            selected = {number for number, channel in known.items() if channel.topic == topic}
-            for index in sorted(self._summary.chunk_indexes,
-                                key=lambda each: each.chunk_start_offset):
-                if not index.message_index_offsets or selected & set(index.message_index_offsets):
+        count = 0
+        for batch in self._batches(topic):
+            count += len(batch)
+            yield batch
+        if self._damage and not count:
+            raise self._unreadable()
+        if self._damage:
+            self.notes = [f'{self._path.name} is damaged ({_reason(self._damage)}): the {count} '
+                          f'readable messages of {topic} are used']
+
+    def _batches(self, topic: str) -> Iterator[Batch]:
+        if self._summary is None or not self._summary.chunk_indexes:
+            yield from batched((message.log_time, message.data) for of, message
+                               in self._messages() if of.name == topic)
+            return
+        known = self._summary.channels
+        selected = {number for number, channel in known.items() if channel.topic == topic}
+        for index in sorted(self._summary.chunk_indexes, key=lambda each: each.chunk_start_offset):
+            if not index.message_index_offsets or selected & set(index.message_index_offsets):
+                try:
                     chunk = self._record(index.chunk_start_offset)
                     if not isinstance(chunk, Chunk):
                         raise ChunkError('there is no chunk at an offset given by the summary')
                     batch = _located(_plain(chunk), set(known), selected)
-                    if len(batch):
-                        yield batch
+                except Exception as error:  # the library raises various types for damaged files
+                    self._damage = error
+                    continue
+                if len(batch):
+                    yield batch
+
+    def _messages(self) -> Iterator[tuple[StoredTopic, Message]]:
+        """
+        Yield the topic of each message before the damage, and the message, in file order.
+
+        :raises BagError: if the checksum of all of them is wrong.
+        """
+        try:
+            yield from _messages(self._file)
         except Exception as error:  # the library raises various types for damaged files
-            raise self._damaged(error) from None
+            self._damage = self._damage or error
+            if isinstance(error, CRCValidationError):
+                raise self._unreadable() from None
 
     def _record(self, offset: int) -> McapRecord:
         self._stream.seek(offset)
@@ -86,30 +111,36 @@ class McapStorage(Storage):
     def close(self) -> None:
         self._stream.close()
 
-    def _check_end(self) -> None:
-        """Refuse a file without footer, or with a wrong checksum of the summary."""
+    def _read_summary(self) -> Summary | None:
+        """Return the summary, None if the file has none, or no footer or a wrong checksum."""
         size = self._stream.seek(0, 2)
         try:
             footer = self._record(size - _END)
+            if not isinstance(footer, Footer) or self._stream.read() != MAGIC:
+                raise ValueError
         except Exception:  # the library raises various types for damaged files
-            footer = None
-        if not isinstance(footer, Footer) or self._stream.read() != MAGIC:
-            readable = _readable_messages(self._file)
-            advice = (f'its first {readable} messages can be saved with `mcap recover`' if readable
-                      else 'no message in it can be read')
-            raise BagError(f'{self._path} is truncated: the file stops after {size} bytes without '
-                           f'an end; {advice}')
-        if footer.summary_start and footer.summary_crc:
-            self._stream.seek(footer.summary_start)
-            # The checksum is that of all bytes before itself.
-            if zlib.crc32(self._stream.read()[:-len(MAGIC) - 4]) != footer.summary_crc:
-                raise ChunkError('the checksum of its summary is wrong')
-        self._stream.seek(0)
+            self._damage = ChunkError(f'it is truncated: it stops after {size} bytes without an '
+                                      f'end')
+            return None
+        try:
+            if footer.summary_start and footer.summary_crc:
+                self._stream.seek(footer.summary_start)
+                # The checksum is that of all bytes before itself.
+                if zlib.crc32(self._stream.read()[:-len(MAGIC) - 4]) != footer.summary_crc:
+                    raise ChunkError('the checksum of its summary is wrong')
+            self._stream.seek(0)
+            return SeekingReader(self._stream, record_size_limit=_MAX_BYTES).get_summary()
+        except Exception as error:  # the library raises various types for damaged files
+            self._damage = error
+            return None
 
-    def _damaged(self, error: Exception) -> BagError:
-        reason = ' '.join(str(error).split()) or type(error).__name__
-        return BagError(f'{self._path} is damaged: {reason}; `mcap recover` saves the readable '
-                        f'part')
+    def _unreadable(self) -> BagError:
+        return BagError(f'{self._path} is damaged: {_reason(self._damage)}; no message in it can '
+                        f'be read')
+
+
+def _reason(error: Exception | None) -> str:
+    return ' '.join(str(error).split()) or type(error).__name__
 
 
 def _topics(summary: Summary) -> Counter[StoredTopic]:
@@ -144,17 +175,6 @@ def _messages(path: Path) -> Iterator[tuple[StoredTopic, Message]]:
                 elif isinstance(record, Message):
                     _check_channels({record.channel_id}, channels)
                     yield _topic(channels[record.channel_id], schemas), record
-
-
-def _readable_messages(path: Path) -> int:
-    """Return the number of messages before the damage."""
-    count = 0
-    try:
-        for _ in _messages(path):
-            count += 1
-    except Exception:  # the library raises various types for damaged files
-        return count
-    return count
 
 
 def _plain(chunk: Chunk) -> bytes:

@@ -95,7 +95,7 @@ def test_flipped_bytes_never_change_messages(tmp_path, compression):
     path = write(tmp_path / 'x.mcap', [(k, k % 3) for k in range(100)], chunk_size=2000,
                  compression=compression)
     whole, good = path.read_bytes(), read(path)
-    rng, refused = np.random.default_rng(0), 0
+    rng, damaged = np.random.default_rng(0), 0
     for place in rng.integers(8, len(whole) - 8, 40):
         raw = bytearray(whole)
         raw[place] ^= int(rng.integers(1, 256))
@@ -104,10 +104,12 @@ def test_flipped_bytes_never_change_messages(tmp_path, compression):
             result = read(path)
         except BagError as error:
             assert '\n' not in str(error)
-            refused += 1
+            damaged += 1
             continue
-        assert result == good
-    assert refused > 15
+        # Those of a damaged chunk are left out.
+        assert set(result) <= set(good)
+        damaged += len(result) < len(good)
+    assert damaged > 10
 
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
