@@ -37,9 +37,9 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
     Return the samples of one bag.
 
     Joints are matched by name in each message. Invalid messages are dropped and counted: missing
-    joints, arrays of different lengths, duplicate names, NaN, time that does not increase. Time is
-    the header stamp if it increases, else the log time. The
-    signals are judged (`facts.judge`): safe corrections are made and listed in the report.
+    joints, more or fewer values than joints, duplicate names, NaN, time that does not increase.
+    Time is the header stamp if it increases, else the log time. The signals are judged
+    (`facts.judge`): safe corrections are made and listed in the report.
 
     :raises BagError: if the recording is missing, damaged or empty, has no JointState topic, at
         least half of its messages have the same defect, or its signals are refused.

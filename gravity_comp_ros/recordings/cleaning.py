@@ -147,13 +147,13 @@ class Cleaning:
             worst = int(np.argmax(share))
             if share[worst] < FACTS.common:
                 continue
-            of, count, advice = f' of joint {self.joints[worst]}', bad[:, worst].sum(), (
+            of, count, advice = f'joint {self.joints[worst]}', bad[:, worst].sum(), (
                 f'leave it out with --joints '
                 f'{",".join(np.array(self.joints)[share < FACTS.common])}')
             if (share >= FACTS.common).all():
-                of, count, advice = '', bad.any(axis=1).sum(), (
-                    'for every joint; the driver must publish it')
-            raise BagError(f'{self.where}: {what}{of} is missing, NaN or beyond '
+                of, count, advice = 'every joint', bad.any(axis=1).sum(), (
+                    'the driver must publish it')
+            raise BagError(f'{self.where}: {what} of {of} is missing, NaN or beyond '
                            f'{FACTS.max_magnitude:g} in {count} of {len(values)} messages; '
                            f'{advice}')
         self._keep(np.isfinite(self.q).all(axis=1) & np.isfinite(self.tau).all(axis=1),

@@ -13,7 +13,6 @@ import numpy as np
 
 UNDECODABLE = 'not decodable'
 DUPLICATE = 'duplicate joint name'
-SIZES = 'arrays of different lengths'
 
 _MAX_NS = 2**63 - 1
 # Multiples of the golden ratio, modulo 1, are evenly distributed in the unit interval.
@@ -109,6 +108,11 @@ class Columns:
         """The distinct name sequences, in order of first appearance, and their messages."""
         return {names: sum(map(len, rows)) for names, rows in self._rows.items()}
 
+    def is_successive(self) -> bool:
+        """Return whether each name sequence appears after all messages of those before it."""
+        spans = [(rows[0][0], rows[-1][-1]) for rows in self._rows.values()]
+        return all(end < start for (_, end), (start, _) in zip(spans, spans[1:]))
+
     def names_of(self, message: int) -> tuple[str, ...]:
         """Return the joint names of message number `message`."""
         return next(names for names, rows in self._rows.items()
@@ -147,7 +151,8 @@ def _defect(block: Block, names: tuple[str, ...]) -> str | None:
     size = len(names)
     if len(set(names)) < size:
         return f'{DUPLICATE} {next(name for name in names if names.count(name) > 1)}'
-    if (not size or block.position.shape[1] != size or block.velocity.shape[1] not in (0, size)
-            or block.effort.shape[1] not in (0, size)):
-        return SIZES
+    for what in ('position', 'velocity', 'effort'):
+        count = getattr(block, what).shape[1]
+        if count not in (0, size) or not size or what == 'position' and not count:
+            return f'with {count} values of {what} for {size} joints'
     return None

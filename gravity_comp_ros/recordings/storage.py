@@ -11,7 +11,6 @@ from pathlib import Path, PurePosixPath
 import re
 import shlex
 import tempfile
-from typing import Any
 
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.printable import counted
@@ -95,28 +94,24 @@ def data_files(path: Path) -> list[Path]:
     try:
         if not path.is_dir():
             return [path]
-        metadata = _metadata(path)
+        names = _named_files(path)
         present = sorted((p for p in path.iterdir() if _PART.search(p.name)), key=_natural)
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror}') from None
-    if metadata is None:
+    if not names:
         if not present:
-            raise BagError(f'{path} is not a recording: it has neither metadata.yaml nor any '
-                           f'.mcap or .db3 file')
+            raise BagError(f'{path} is not a recording: it has no .mcap or .db3 file')
         if len({_PART.sub('', file.name) for file in present}) > 1:
-            raise BagError(f'{path} has no metadata.yaml and the files of several recordings: '
-                           f'name one of {", ".join(file.name for file in present)}')
+            raise BagError(f'{path} has no usable metadata.yaml, but the files of several '
+                           f'recordings: name one of {", ".join(file.name for file in present)}')
         return present
-    names = metadata['relative_file_paths']
-    files = [path / PurePosixPath(name).name for name in names]
+    files = [path / name for name in names]
     missing = [file.name for file in files if not file.exists()]
     if missing:
         instead = (f'; there is {", ".join(p.name for p in present)}: name that file instead'
                    if present else '')
         raise BagError(f'metadata.yaml of {path} names {", ".join(missing)}, which does not '
                        f'exist{instead}')
-    if not files:
-        raise BagError(f'metadata.yaml of {path} names no file')
     return files
 
 
@@ -158,22 +153,18 @@ def _open_file(file: Path, scratch: Path, source: Path | None = None) -> Storage
     raise BagError(f'{named} is neither an MCAP nor a .db3 file')
 
 
-def _metadata(folder: Path) -> dict[str, Any] | None:
-    """Return the content of metadata.yaml; None without one (a recorder that was killed)."""
+def _named_files(folder: Path) -> list[str]:
+    """Return the files that metadata.yaml names; none without one, or with a damaged one."""
     import yaml
     file = folder / 'metadata.yaml'
     if not file.exists():
-        return None
+        return []
     try:
         content = yaml.safe_load(file.read_text(encoding='utf-8'))
-        metadata = content['rosbag2_bagfile_information']
-        names = metadata['relative_file_paths']
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise TypeError('relative_file_paths')
+        names = content['rosbag2_bagfile_information']['relative_file_paths']
+        return [PurePosixPath(name).name for name in names]
     except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, RecursionError):
-        raise BagError(f'{file} is not the metadata of a rosbag2 recording; remove it to read '
-                       f'the data files without it') from None
-    return dict(metadata)
+        return []
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

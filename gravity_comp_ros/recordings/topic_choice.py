@@ -42,8 +42,9 @@ def choose_topic(path: Path, storage: Storage, requested: str | None) -> tuple[s
                            f'{topics[name].encoding}, not a JointState in CDR; {listed}')
         raise BagError(f'{path} has no topic {name}; {listed}')
     if not usable:
-        others = ', '.join(f'{t.name} ({t.type})' for t in [*storage.topics][:8])
-        raise BagError(f'{path} has no topic of type sensor_msgs/msg/JointState; it has {others}')
+        others = ', '.join(f'{t.name} ({t.type}{f" in {t.encoding}" * (t.encoding != CDR[1])})'
+                           for t in [*storage.topics][:8])
+        raise BagError(f'{path} has no topic of type {CDR[0]} in CDR; it has {others}')
     filled = [name for name in usable if storage.topics[topics[name]]] or usable
     if len(filled) == 1:
         return filled[0], []
@@ -97,7 +98,12 @@ def choose_joints(where: str, columns: Columns, options: ReadOptions
     arms = [] if options.joints else arms_by_name(joints) or arms_by_message(layouts)
     if arms:
         lines = ' or '.join(f'--joints {",".join(arm)}' for arm in arms)
-        raise BagError(f'{where} has the joints of {len(arms)} arms; choose one: {lines}')
+        found = f' has the joints of {len(arms)} arms'
+        if len(layouts) > 1 and columns.is_successive():
+            before, after, *_ = layouts
+            found = (f': the names of the joints change from {", ".join(before)} to '
+                     f'{", ".join(after)}{rename_hint(after, before)}')
+        raise BagError(f'{where}{found}; choose one: {lines}')
     present = columns.presence(joints)
     present = present[present.any(axis=1)]
     missing = 1 - present.mean(axis=0)

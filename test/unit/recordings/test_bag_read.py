@@ -143,7 +143,7 @@ def spoil(rows, kind):
 @pytest.mark.parametrize(('kind', 'reason'), [
     ('NaN effort', cleaning.NOT_FINITE), ('infinite position', cleaning.NOT_FINITE),
     ('NaN velocity', cleaning.VELOCITY), ('no effort', cleaning.NOT_FINITE),
-    ('short velocity', 'arrays of different lengths'),
+    ('short velocity', 'with 2 values of velocity for 3 joints'),
     ('one name twice', 'duplicate joint name shoulder'), ('time back', cleaning.TIME),
     ('time repeated', cleaning.TIME), ('rubbish', joint_columns.UNDECODABLE),
     ('one joint less', cleaning.MISSING), ('other joints', cleaning.OTHER_JOINTS)])
@@ -211,13 +211,14 @@ def test_a_joint_that_drops_out_is_named(tmp_path):
 
 @pytest.mark.parametrize(('kind', 'step', 'message'), [
     ('zero effort', 1, 'effort is 0 throughout'),
-    ('no effort', 1, 'effort is missing, NaN or beyond 1e.09 in 50 of 50 messages'),
+    ('no effort', 1, 'effort of every joint is missing, NaN or beyond 1e.09 in 50 of 50 '
+                     'messages; the driver must publish it'),
     ('NaN effort', 1, 'effort of joint elbow is missing, NaN or beyond 1e.09 in 50 of 50.*'
                       '--joints shoulder,wrist'),
     ('infinite position', 1, 'position of joint wrist .*--joints shoulder,elbow'),
     ('one joint less', 2, 'joint wrist is missing from 25 of 50 messages.*'
                           '--joints shoulder,elbow'),
-    ('short velocity', 1, 'no usable message: 50 arrays of different lengths'),
+    ('short velocity', 1, 'no usable message: 50 with 2 values of velocity for 3 joints'),
     ('one name twice', 1, 'no usable message: 50 duplicate joint name'),
     ('rubbish', 1, 'no usable message: 50 not decodable'), ('none', 1, 'has no messages')])
 def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, kind, step, message):

@@ -97,6 +97,18 @@ def test_two_arms_by_message(tmp_path):
         assert len(result.samples) == 60
 
 
+def test_names_that_change_are_no_second_arm(tmp_path):
+    rows = messages(60)
+    for _, row in rows[40:]:
+        row['names'] = [f'other_{name}' for name in row['names']]
+    path = write_folder(tmp_path / 'bag', {'/joint_states': rows})
+    with pytest.raises(BagError, match='names of the joints change from shoulder') as error:
+        read_bag(path)
+    option = str(error.value).split('--rename ')[1].split(';')[0]
+    rename = dict(part.split('=') for part in option.split(','))
+    assert read_bag(path, ReadOptions(rename=rename)).samples.n_samples == 60
+
+
 def test_two_robots_with_the_same_names(tmp_path):
     (_, q, qd, tau), (_, p, pd, sigma) = moving(0.0), moving(1.0)
     both = [np.stack(pair, axis=1).reshape(-1, 4)
