@@ -28,7 +28,8 @@ def named_facts(names: Sequence[str]) -> list[Fact]:
     words = {name: {word.lower() for word in _WORD.findall(name)} for name in names}
     grippers = tuple(name for name in names if words[name] & _GRIPPERS)
     linear = tuple(name for name in names if name not in grippers and (
-        words[name] & _LINEAR or {'torso', 'lift'} <= words[name]))
+        words[name] & _LINEAR or {'torso', 'lift'} <= words[name]
+        or {'lift'} <= words[name] <= {'lift', 'joint'}))
     if len(grippers) + len(linear) == len(names):
         return []
     return ([_fact(Kind.GRIPPER, grippers, 'gripper or wheel')] * bool(grippers)
@@ -110,5 +111,6 @@ def small_degrees(signals: Signals) -> list[Fact]:
 
 def _fact(kind: Kind, names: tuple[str, ...], why: str,
           values: dict[str, float] | None = None) -> Fact:
-    evidence = why if values else f'{", ".join(names)} has the name of a {why}'
+    has = 'has' if len(names) == 1 else 'each have'
+    evidence = why if values else f'{", ".join(names)} {has} the name of a {why}'
     return Fact(kind, names, evidence, Action.LEFT_OUT, 'left out', _KEEP, values or {})

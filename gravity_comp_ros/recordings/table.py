@@ -175,11 +175,13 @@ def _usable_rows(table: Table, columns: Columns, options: TableOptions) -> BoolA
     used = columns.used
     bad = ~np.isfinite(table.values[:, used])
     keep = np.asarray(~bad.any(axis=1), dtype=bool)
-    if not keep.all() and not options.skip_bad_rows:
-        row, column = np.argwhere(bad)[0]
+    never = bad.all(axis=0)
+    if not keep.all() and (never.any() or not options.skip_bad_rows):
+        row, column = (0, np.argmax(never)) if never.any() else np.argwhere(bad)[0]
+        advice = ('; no row has a number in this column' if never.any() else
+                  ' (--skip-bad-rows skips such rows)')
         raise BagError(f'{table.where(int(row))}, column {table.columns[used[column]]}: '
-                       f'{_defect(table, int(row), used[column])} (--skip-bad-rows skips such '
-                       f'rows)')
+                       f'{_defect(table, int(row), used[column])}{advice}')
     if columns.time is not None:
         time = np.where(keep, table.values[:, columns.time], -np.inf)
         latest = np.append(-np.inf, np.maximum.accumulate(time)[:-1])
@@ -201,8 +203,12 @@ def _defect(table: Table, row: int, column: int) -> str:
     line, cell = table.text.get(column, [(0, '')])[0]
     if table.lines is None or line != table.lines[row]:
         return 'empty or not a number'
-    comma = '; for a decimal comma, separate the cells by semicolons' * (',' in cell)
-    return f'{cell!r} is not a number{comma}'
+    advice = ''
+    if ':' in cell:
+        advice = '; a time is written as 10:30:00.5, with a date as 2024-12-31 10:30:00.5'
+    elif ',' in cell:
+        advice = '; for a decimal comma, separate the cells by semicolons, thousands by nothing'
+    return f'{cell!r} is not a number{advice}'
 
 
 def _effort_scale(options: TableOptions, names: tuple[str, ...]) -> FloatArray:

@@ -9,10 +9,11 @@ such as `elbow.load` if torques were recorded. Each episode begins at time 0.
 from __future__ import annotations
 
 from array import array
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping
 import csv
 from dataclasses import dataclass, field, replace
-from datetime import datetime, UTC
+from datetime import datetime, time, UTC
 from itertools import chain
 import json
 from pathlib import Path
@@ -57,22 +58,46 @@ def read_csv(path: Path, header: bool | None = None, delimiter: str | None = Non
 
     :param header: whether the first line has column names; None detects it. Without names, the
         columns are named 1, 2, 3.
-    :param delimiter: one character; None detects semicolon, tab, comma or blank. With another
+    :param delimiter: one character; None detects semicolon, |, tab, comma or blank. With another
         delimiter than the comma, numbers may have a decimal comma.
     :param skip_bad_rows: replace incomplete rows by NaN.
     :raises BagError: if the file is not a table; the message names row and column.
     """
     try:
-        with path.open(encoding='utf-8-sig', newline='') as stream:
-            start = next(stream, '').removeprefix('#')  # header mark of numpy.savetxt
-            delimiter = delimiter or _delimiter(start)
-            rows = _rows(path, chain([start], stream), delimiter)
+        with path.open('rb') as raw:
+            is_utf16 = raw.read(2) in (BOM_UTF16_LE, BOM_UTF16_BE)
+        with path.open(encoding='utf-16' if is_utf16 else 'utf-8-sig', newline='') as stream:
+            head, skipped, marked = _head(stream)
+            delimiter = marked or delimiter or _delimiter(head[0])
+            rows = _rows(path, chain(head, stream), skipped, delimiter)
             return _csv_table(path, rows, delimiter != ',', header, skip_bad_rows)
-    except UnicodeDecodeError:
-        raise BagError(f'{path} is not a text file in UTF-8; a recording needs no conversion'
-                       ) from None
+    except UnicodeError:
+        raise BagError(f'{path} is not a text file in UTF-8 or UTF-16: save it as UTF-8 (a '
+                       f'recording needs no conversion)') from None
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror}') from None
+
+
+def _head(stream: Iterator[str]) -> tuple[list[str], int, str]:
+    """
+    Return the first lines of the table, the number of lines before, and a delimiter named there.
+
+    Before a table may be comments (#), and the `sep=;` of Excel. The last comment is the header
+    if it has as many cells as the first line of numbers (numpy.savetxt).
+    """
+    before, line = list[str](), next(stream, '')
+    while line.startswith(('#', 'sep=')):
+        before.append(line.removeprefix('#'))
+        line = next(stream, '')
+    marked = next((each[4:].rstrip('\r\n') for each in before if each.startswith('sep=')), '')
+    head = [line]
+    if before and not before[-1].startswith('sep='):
+        delimiter = marked or _delimiter(before[-1])
+        first, second = (next(_rows(Path(), iter([each]), 0, delimiter), (0, ['']))[1]
+                         for each in (before[-1], line))
+        if len(first) == len(second) and _number(second[0], delimiter != ',') is not None:
+            head.insert(0, before.pop())
+    return head, len(before), marked
 
 
 def _csv_table(path: Path, rows: Iterator[tuple[int, list[str]]], decimal_comma: bool,
@@ -91,6 +116,8 @@ def _csv_table(path: Path, rows: Iterator[tuple[int, list[str]]], decimal_comma:
     values, lines = array('d'), array('q')
     text: dict[int, list[tuple[int, str]]] = {}
     for line, cells in rows if header else chain([first], rows):
+        if len(cells) == len(names) + 1 and not cells[-1].strip():
+            cells = cells[:-1]  # a delimiter ends the line
         if len(cells) != len(names) and not skip_bad_rows:
             raise BagError(f'{path}, line {line}: {len(cells)} cells; the table has '
                            f'{len(names)} columns (--skip-bad-rows skips such rows)')
@@ -111,22 +138,23 @@ def _csv_table(path: Path, rows: Iterator[tuple[int, list[str]]], decimal_comma:
                  text)
 
 
-def _rows(path: Path, stream: Iterator[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number and cells of each line that is not blank."""
+def _rows(path: Path, stream: Iterator[str], skipped: int, delimiter: str
+          ) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number and cells of each line that is not blank, after skipped lines."""
     reader = csv.reader(stream, delimiter=delimiter, skipinitialspace=True)
     try:
         for cells in reader:
             if delimiter == ' ':
                 cells = [cell for cell in cells if cell]
             if cells:
-                yield reader.line_num, cells
+                yield skipped + reader.line_num, cells
     except csv.Error as error:
-        raise BagError(f'{path}, line {reader.line_num}: {error}') from None
+        raise BagError(f'{path}, line {skipped + reader.line_num}: {error}') from None
 
 
 def _delimiter(line: str) -> str:
     """Return the delimiter of a line; with semicolons, tabs or blanks, commas are decimal."""
-    delimiter = next((character for character in ';\t,' if character in line), ' ')
+    delimiter = next((character for character in ';|\t,' if character in line), ' ')
     words = line.split()
     if delimiter == ',' and len(words) > 1 and all(
             _number(word, True) is not None and not word.endswith(',') for word in words):
@@ -138,7 +166,7 @@ def _number(cell: str, decimal_comma: bool) -> float | None:
     """
     Return the number in a cell, None for text and an empty cell.
 
-    A date with a time of day gives s since 1970, by default in UTC.
+    A date with a time of day gives s since 1970, by default in UTC; a time of day s since 0:00.
     """
     try:
         return float(cell.replace(',', '.') if decimal_comma and '.' not in cell else cell)
@@ -148,7 +176,10 @@ def _number(cell: str, decimal_comma: bool) -> float | None:
     try:
         date = datetime.fromisoformat(cell.strip())
     except ValueError:
-        return None
+        try:
+            date = datetime.combine(datetime(1970, 1, 1), time.fromisoformat(cell.strip()))
+        except ValueError:
+            return None
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 

@@ -38,9 +38,28 @@ def check_is_the_table(converted):
     ('t,q_0,q_1,tau_0,tau_1', ','), ('time;q1;q2;tau1;tau2', ';'),
     ('t\tpos_1\tpos_2\teffort_1\teffort_2', '\t'), ('t q_1 q_2 tau_1 tau_2', ' '),
     ('# t,q_0,q_1,tau_0,tau_1', ','), ('"t","q_0","q_1","tau_0","tau_1"', ','),
-    ('\ufefft, q_0, q_1, tau_0, tau_1', ',')])
+    ('\ufefft, q_0, q_1, tau_0, tau_1', ','), ('t|q_0|q_1|tau_0|tau_1', '|'),
+    ('sep=;\nt;q_0;q_1;tau_0;tau_1', ';'), ('# arm 7\n# on 3 May\nt,q_0,q_1,tau_0,tau_1', ','),
+    ('# arm 7, at noon\n# t,q_0,q_1,tau_0,tau_1', ',')])
 def test_default_columns_need_no_options(tmp_path, header, delimiter):
     check_is_the_table(read_table(csv(tmp_path, table_text(header, delimiter))))
+
+
+def test_utf16_delimiters_at_the_ends_and_times_of_day(tmp_path):
+    text = table_text()
+    path = tmp_path / 'x.csv'
+    path.write_bytes(text.encode('utf-16'))
+    check_is_the_table(read_table(path))
+    first, *lines = text.splitlines()
+    check_is_the_table(read_table(csv(tmp_path, '\n'.join([first, *(f'{x},' for x in lines)]))))
+    timed = [f'10:30:{float(x.split(",")[0]):09.6f},{x.split(",", 1)[1]}' for x in lines]
+    np.testing.assert_allclose(read_table(csv(tmp_path, '\n'.join([first, *timed]))).topic.t, T)
+
+
+def test_lines_before_the_header_are_counted_in_messages(tmp_path):
+    path = csv(tmp_path, '# arm 7\n' + table_text().replace('-4.0', 'abc'))
+    with pytest.raises(BagError, match=r'row 2 \(line 4\), column tau_1'):
+        read_table(path)
 
 
 @pytest.mark.parametrize('options', [
@@ -132,6 +151,8 @@ GOOD = table_text()
     (GOOD.replace('tau', 'x'), {}, 'no columns of effort such as'),
     (GOOD.replace('tau', 'current'), {}, 'no columns of effort such as'),
     ('t,q_0,tau_0\n0,1,0\n1,2,0\n', {}, 'effort is 0 throughout'),
+    ('t,q_0,tau_0\n0,1,\n1,2,\n', {'skip_bad_rows': True}, 'tau_0: .* no row has a number'),
+    ('t,q_0,tau_0\n3/5/26 10:30:00,1,1\n', {}, 'with a date as 2024-12-31'),
     ('t,q_0,tau_0\n' + 'x' * 200000, {}, 'line 2')])
 def test_errors_name_row_and_column(tmp_path, text, options, message):
     path = csv(tmp_path, text)
@@ -152,6 +173,6 @@ def test_unreadable_files(tmp_path):
         with pytest.raises(BagError, match='cannot read'):
             read_table(path)
     path = tmp_path / 'x.csv'
-    path.write_bytes(b'\xff\xfe\x00\x01')
+    path.write_bytes(b'\x89MCAP0\r\n')
     with pytest.raises(BagError, match='not a text file'):
         read_table(path)
