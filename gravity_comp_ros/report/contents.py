@@ -36,8 +36,7 @@ class ReportOptions:
     - `max_segment`: samples of one segment of a spectrum over time.
     - `max_order`, cycles per revolution, and `order_step`, cycles over the visited range: of a
       spectrum over the angle; `min_travel`, rad: of a joint for one, and of its range in pairs.
-    - `max_features`: gravity terms that are fitted again for an added-variable plot; with more
-      the residual of the model is used. `max_plots` of them, `max_coefficients` of a finding.
+    - `max_plots`: added-variable plots; `max_coefficients` of a finding.
     - `shown_terms`: of the model's terms in the equation.
 
     :raises OptionError: if a number is not positive.
@@ -52,7 +51,6 @@ class ReportOptions:
     max_order: float = 80.0
     order_step: float = 0.5
     min_travel: float = 0.05
-    max_features: int = 500
     max_plots: int = 9
     max_coefficients: int = 4
     shown_terms: int = 8

@@ -1,10 +1,10 @@
 """
 Findings of the diagnosis: table and added-variable plots.
 
-An added-variable plot shows the part of the torque that an effect explains in addition to gravity.
-X are the regressor columns of the effect, Z those of gravity and all other effects of the joint.
-Both axes are projected on the orthogonal complement of Z: x = X c and y = tau, with c from least
-squares. A present effect gives points along the line y = x. A curved pattern, or a line
+An added-variable plot shows the torque that an effect explains in addition to the model and all
+other effects. X are the regressor columns of the effect, Z those of the other effects, of all
+joints, and r is the residual of the model. c and d minimise |r - X c - Z d|; the axes are x = X c
+and y = r - Z d. A present effect gives points along the line y = x. A curved pattern, or a line
 determined by a few points, is evidence against the effect.
 """
 
@@ -21,10 +21,7 @@ from gravity_comp_ros.display import percent
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.models.applied_effects import AppliedEffect
-from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.least_squares import lstsq, svd
-from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT, Table
 from gravity_comp_ros.report.section import Section, tiles
@@ -33,58 +30,50 @@ from gravity_comp_ros.report.views import residuals
 import numpy as np
 
 
-def added_variable(motion: Motion, model: GravityModel, finding: Finding, others: list[Finding],
-                   rows: IntArray) -> tuple[str, FloatArray, FloatArray] | None:
+def added_variable(motion: Motion, joints: Sequence[str], residual: FloatArray, finding: Finding,
+                   others: Sequence[Finding], rows: IntArray
+                   ) -> tuple[str, FloatArray, FloatArray] | None:
     """
     Return the joint of the torque, x (R,) and y (R,) in N·m of an added-variable plot.
 
     It is None if this motion gives no columns.
 
     :param motion: motion of all samples, as recorded.
-    :param others: other findings, whose columns are part of Z.
+    :param residual: measured minus predicted torque (M, N) of the joints in N·m.
+    :param others: other findings, whose columns are Z.
     :param rows: indices of the samples to plot (R,).
     """
-    plots = []
-    for joint, name in enumerate(model.joints):
-        columns = _columns(motion, model, finding, joint)
-        if columns is not None:
-            basis, residual = _project(motion, model, joint, others, rows)
-            free = columns[rows] - basis @ (basis.T @ columns[rows])
-            plots.append((name, free @ lstsq(free, residual, rcond=1e-8), residual))
-    # An effect of the whole arm is shown on the joint where it explains most.
-    return max(plots, key=lambda each: float(each[1] @ each[1]), default=None)
-
-
-def _project(motion: Motion, model: GravityModel, joint: int, others: list[Finding],
-             rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return an orthonormal basis (R, K) of Z, and the residual torque (R,) in N·m."""
-    samples, features = motion.samples, model.torques[joint].indices
-    tau = samples.tau[rows, joint]
-    regressors = [np.zeros((len(rows), 0))]
-    if len(features) <= min(REPORT.max_features, len(rows) // 4):
-        regressors.append(dictionary.columns(samples.q[rows], features))
-    else:
-        tau = tau - motion.gravity[rows, joint]
-    effects: list[Finding | AppliedEffect] = [*model.applied.effects, *others]
-    regressors += [columns[rows] for each in effects
-                   if (columns := _columns(motion, model, each, joint)) is not None]
-    basis, singular_values, _ = svd(np.hstack(regressors))
-    basis = basis[:, singular_values > 1e-9 * max(singular_values, default=0.0)]
-    return basis, tau - basis @ (basis.T @ tau)
-
-
-def _columns(motion: Motion, model: GravityModel, of: Finding | AppliedEffect,
-             joint: int) -> FloatArray | None:
-    """Return the columns (M, K) of an effect in the torque of a joint, None without any."""
-    name = of.name if isinstance(of, AppliedEffect) else of.effect
-    effect = all_effects().get(name or '')
-    if effect is None or of.joint not in (None, model.joints[joint]):
+    own = _columns(motion, joints, finding, rows)
+    if own is None:
         return None
+    columns = [own, *(each for other in others
+                      if (each := _columns(motion, joints, other, rows)) is not None)]
+    stacked = np.concatenate(columns, axis=2)
+    r = residual[rows]
+    c = lstsq(stacked.reshape(r.size, -1), r.ravel(), rcond=1e-8)
+    x = own @ c[:own.shape[2]]
+    y = r - stacked @ c + x
+    # An effect of the whole arm is shown on the joint where it explains most.
+    joint = int(np.argmax((x ** 2).sum(axis=0)))
+    return joints[joint], x[:, joint], y[:, joint]
+
+
+def _columns(motion: Motion, joints: Sequence[str], of: Finding, rows: IntArray
+             ) -> FloatArray | None:
+    """Return the columns (R, N, K) of an effect in the torques, None without any."""
+    effect = all_effects().get(of.effect or '')
+    if effect is None or of.joint not in (None, *joints):
+        return None
+    number = 0 if of.joint is None else joints.index(of.joint)
     try:
-        columns = effect.columns(motion, 0 if of.joint is None else joint, of.setting)
+        columns = effect.columns(motion, number, of.setting)[rows]
     except (KeyError, ValueError, IndexError):
         return None
-    return columns[:, joint] if columns.ndim == 3 else columns
+    if columns.ndim == 3:
+        return columns
+    result = np.zeros((len(rows), len(joints), columns.shape[1]))
+    result[:, number] = columns
+    return result
 
 
 # Name of a finding that no effect describes.
@@ -112,7 +101,7 @@ def section(contents: Contents, table: Table) -> Section:
     if plots:
         explanation = markup.paragraph(
             'The plots are added-variable plots: on the x axis the torque that the effect '
-            'explains in addition to gravity and the other effects, on the y axis the measured '
+            'explains in addition to the model and the other effects, on the y axis the measured '
             'torque without them. Points along the line confirm the effect; a curved pattern, or '
             'a line determined by few points, is evidence against it.', 'quiet')
     return Section('effects', title, lead, tiles(plots, 300) if plots else None,
@@ -169,7 +158,8 @@ def added(contents: Contents, table: Table, numbers: Sequence[int]) -> list[figu
     for k in numbers:
         finding = findings[k]
         others = [f for f in findings if f is not finding and f.is_missing]
-        variable = added_variable(motion, contents.model, finding, others, table.drawn)
+        variable = added_variable(motion, contents.model.joints, contents.residual, finding,
+                                  others, table.drawn)
         if variable is not None:
             joint, x, y = variable
             plots.append(_plot(f'{k + 1}  {finding.effect} · {joint}', x, y, table, k))

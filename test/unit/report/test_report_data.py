@@ -1,9 +1,9 @@
 """Data of report plots, computed without Bokeh, against analytic values."""
 
-from bench.shared.rough_links import COULOMB, two_links
+from bench.shared.rough_links import COULOMB, two_links, VISCOUS
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.findings import Finding
-from gravity_comp_ros.effects.predict import motion_of
+from gravity_comp_ros.effects.predict import motion_of, predict_torque
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import keep_extremes
@@ -86,14 +86,23 @@ def test_friction_gives_the_line_of_its_added_variable_plot():
     motion = motion_of(model, samples)
     friction = _finding('coulomb_friction', 'shoulder', width=0.005)
     viscous = _finding('viscous_friction', 'shoulder')
-    joint, x, y = added_variable(motion, model, friction, [viscous], rows)
+    residual = samples.tau - predict_torque(model, samples)
+
+    def of(finding, *others):
+        return added_variable(motion, model.joints, residual, finding, others, rows)
+
+    joint, x, y = of(friction, viscous)
     assert joint == 'shoulder' and x.shape == rows.shape
     # The explained torque has the size of the friction, with a small residual.
     assert (y - x).var() < 0.15 * y.var() and 0.2 * COULOMB < x.std() < COULOMB
     absent = _finding('coulomb_friction', 'elbow', width=0.005)
-    _, x, y = added_variable(motion, model, absent, [], rows)
+    _, x, y = of(absent)
     assert (y - x).var() > 0.9 * y.var()
-    assert added_variable(motion, model, _finding('no_such_effect', 'elbow'), [], rows) is None
+    assert of(_finding('no_such_effect', 'elbow')) is None
+    # Effects of the whole arm have many columns, which may not absorb the speed of one joint.
+    _, x, y = of(viscous, friction, _finding('rigid_body_dynamics', None))
+    assert x.std() == pytest.approx(VISCOUS * samples.qd[rows, 0].std(), rel=0.1)
+    assert (y - x).var() < 0.3 * y.var()
 
 
 def test_text_from_files_is_escaped():
