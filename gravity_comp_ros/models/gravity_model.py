@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+import math
 from typing import Any
 
 from gravity_comp_ros.data.poses import batches
@@ -242,6 +243,7 @@ class GravityModel:
 
         E.g. `-20.81 s1 c2 + 3.10 s2`; `0` for a joint without features.
 
+        :param digits: decimals, and significant digits of the largest weight at least.
         :raises DataError: if the joint is unknown.
         """
         if joint not in self.joints:
@@ -249,7 +251,9 @@ class GravityModel:
         terms = self.torques[self.joints.index(joint)]
         order = np.argsort(-np.abs(terms.weights), kind='stable')
         names = dictionary.feature_names(terms.indices[order], self.n_joints)
-        text = ''.join(f'{" - " if weight < 0 else " + "}{abs(weight):.{digits}f} {name}'
+        largest = float(np.abs(terms.weights).max(initial=0.0)) or 1.0
+        decimals = max(digits, digits - 1 - math.floor(math.log10(largest)))
+        text = ''.join(f'{" - " if weight < 0 else " + "}{abs(weight):.{decimals}f} {name}'
                        for weight, name in zip(terms.weights[order].tolist(), names))
         return text[3:] if text.startswith(' + ') else text[1:].replace(' ', '', 1) or '0'
 

@@ -9,6 +9,7 @@ from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.facts.motion import MOTION
 from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT
 from gravity_comp_ros.report.section import Section
@@ -76,7 +77,8 @@ def provenance(contents: Contents) -> Section:
     rows = [['created', contents.when], ['gravity_comp_ros', __version__],
             ['numpy', np.__version__], ['model', contents.model_file or 'fitted for this report'],
             ['formulation', model.formulation],
-            ['trained on', f'{model.coverage.n_samples} samples of {model.coverage.n_runs} runs']]
+            ['trained on', f'{model.coverage.n_samples} samples of '
+             f'{counted(model.coverage.n_runs, "run")}']]
     html += markup.table(['what', 'value'], rows, left=('value',))
     html += markup.table(['recording', 'SHA-256'],
                          [[r.path.name, r.sha256] for r in contents.reports], left=('SHA-256',))

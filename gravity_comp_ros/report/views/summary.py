@@ -41,14 +41,6 @@ def main_finding(contents: Contents) -> Finding | None:
     return next(iter(diagnosis.found or diagnosis.findings), None) if diagnosis else None
 
 
-def named_joint(contents: Contents) -> str:
-    """Return the joint of the main finding, or that with the largest error."""
-    finding = main_finding(contents)
-    if finding is not None and finding.joint in contents.joints:
-        return str(finding.joint)
-    return contents.worst
-
-
 def _largest(contents: Contents) -> str:
     """Return a sentence on the joint with the largest error, without a full stop."""
     worst = contents.worst
@@ -82,7 +74,7 @@ def errors(contents: Contents) -> Section:
     lead += markup.paragraph(f'Errors: {contents.compared}. Plots show all samples.',
                              'quiet')
     table = markup.table(errors.columns, errors.rows,
-                         strong=contents.joints.index(named_joint(contents)))
+                         strong=contents.joints.index(contents.worst))
     return Section('joints', 'Errors by joint', lead + table, after=_regions(contents))
 
 
@@ -141,5 +133,6 @@ def _evidence(contents: Contents, table: Table, finding: Finding | None) -> figu
         plots = effects.added(contents, table, [contents.diagnosis.findings.index(finding)])
         if plots:
             return plots[0]
-    return residuals.against(contents, table, contents.model.joints.index(named_joint(contents)),
-                             letter or 'q')
+    joint = finding.joint if finding is not None and finding.joint in contents.joints else \
+        contents.worst
+    return residuals.against(contents, table, contents.model.joints.index(joint), letter or 'q')

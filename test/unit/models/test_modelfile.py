@@ -209,6 +209,9 @@ def test_equations_in_the_notation_of_the_paper():
     assert model.equation('j0') == '-20.81 s1 c2 + 3.10 s2 - 0.50 1'
     assert model.equation('j0', digits=0) == '-21 s1 c2 + 3 s2 - 0 1'
     assert model.equation('j1') == '0'
+    first, *others = model.torques
+    weak = replace(model, torques=(replace(first, weights=1e-3 * first.weights), *others))
+    assert weak.equation('j0') == '-0.021 s1 c2 + 0.003 s2 - 0.001 1'
     np.testing.assert_array_equal(model.n_features(), [3, 0])
     with pytest.raises(DataError, match='no joint j9 in the model; it has j0, j1'):
         model.equation('j9')
