@@ -128,8 +128,8 @@ def _lines(args: argparse.Namespace, planned: MotionPlan, links: str) -> list[te
     return [
         terminal.styled('bold', f'{counted(len(planned.parts), "part")}, {length}'),
         *(f'  {part.sentence}' for part in planned.parts), '',
-        terminal.table('expected results', EXPECTED, [e.row() for e in planned.expectations],
-                       EXPECTED[3:]),
+        *([terminal.table('expected results', EXPECTED, [e.row() for e in planned.expectations],
+                          EXPECTED[3:])] if planned.expectations else []),
         *(f'  {each.sentence}' for each in planned.gravity), '',
         f'move the arm to {start} rad first', links,
         'obstacles are not checked: keep the space around the arm clear',

@@ -59,7 +59,7 @@ def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
     for report in reports:
         result.append(
             f'{report.path.name}: {report.topic}, {counted(report.n_samples, "sample")} at '
-            f'{report.rate_hz:.3g} Hz over {report.duration_s:.1f} s, '
+            f'{report.rate_hz:.4g} Hz over {report.duration_s:.1f} s, '
             f'velocity {report.velocity}')
         result += [f'  dropped {count} of {counted(report.n_messages, "message")}: {reason}'
                    for reason, count in report.dropped.items() if count]

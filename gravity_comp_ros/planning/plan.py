@@ -67,10 +67,10 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[str] | No
     elif GRAVITY not in (targets or ()):
         joints = ()
     if not (named or joints):
-        raise OptionError('plan: no target is open; name the effects to resolve')
+        raise OptionError('no finding is open: name targets with --settle EFFECT:JOINT')
     parts = strokes(space, model, _joints(regression, named, joints), options)
     if not parts:
-        raise OptionError('plan: within the limits no joint of the targets can move; the '
+        raise OptionError('within the limits no joint of the targets can move; the '
                           'recorded range may be too narrow')
     # Priors and settings follow from all candidates as one motion.
     sums, questions, notes = questions_of(
@@ -78,7 +78,7 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[str] | No
     report('plan', 0.5)
     selection = Selection(space, Criterion(sums, questions, joints), parts, options.duration)
     if not selection.parts:
-        raise OptionError(f'plan: within these limits no motion of {options.duration:g} s adds '
+        raise OptionError(f'within these limits no motion of {options.duration:g} s adds '
                           f'enough information to the recordings: raise the duration, the speed '
                           f'or the reach, or widen the position limits')
     motion, times = selection.motion()

@@ -37,7 +37,7 @@ def named_targets(effects: Iterable[str], joints: tuple[str, ...]) -> list[Key]:
     named = requests(effects, joints)
     for request in named:
         if request.effect.is_shared:
-            raise OptionError(f'plan: every fit estimates {request.target}; name gravity instead')
+            raise OptionError(f'every fit estimates {request.target}; name gravity instead')
     return [(request.effect.name, None if request.joint is None else joints.index(request.joint))
             for request in named]
 
@@ -75,7 +75,7 @@ def questions_of(regression: Regression, targets: Sequence[Key], probe: Path, se
             notes.append(f'{target(key[0], joint)}: no motion within the limits excites it: '
                          f'{maker.reason(key)}')
     if targets and not drafts:
-        raise OptionError('plan: ' + '; '.join(notes))
+        raise OptionError('; '.join(notes))
     terms = dict.fromkeys([*regression.terms, *(
         t for term, base, others in drafts for t in (*base, term, *others))])
     sums = Sums(regression, tuple(terms), seconds)

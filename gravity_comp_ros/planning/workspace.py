@@ -51,14 +51,14 @@ class PlanOptions:
         check_positive(self, 'plan', 'duration', 'max_speed', 'max_acceleration', 'max_jerk',
                        'rate')
         if not self.reach > 0.0:
-            raise OptionError(f'plan: reach is {self.reach}; it must be positive')
+            raise OptionError(f'reach is {self.reach}; it must be positive')
         if (self.low is None) != (self.high is None):
-            raise OptionError('plan: give both low and high, or neither')
+            raise OptionError('give both low and high, or neither')
         if self.low is not None and self.high is not None and (
                 self.low.shape != self.high.shape or (self.low > self.high).any()):
-            raise OptionError('plan: low must not exceed high')
+            raise OptionError('low must not exceed high')
         if self.start is not None and not np.isfinite(self.start).all():
-            raise OptionError('plan: the start pose is not finite')
+            raise OptionError('the start pose is not finite')
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,18 +203,18 @@ def workspace(samples: JointSamples, options: PlanOptions,
     start = options.start
     for limit in (low, start):
         if limit is not None and limit.shape != (samples.n_joints,):
-            raise OptionError(f'plan: {samples.n_joints} joints, but limits or start pose have '
+            raise OptionError(f'{samples.n_joints} joints, but limits or start pose have '
                               f'{limit.size}')
     if start is None:
         inside = poses[((poses >= low) & (poses <= high)).all(axis=1)]
         if not len(inside):
-            raise OptionError('plan: no recorded pose lies within the position limits')
+            raise OptionError('no recorded pose lies within the position limits')
         start = inside[np.argmin(np.abs(inside - np.median(inside, axis=0)).max(axis=1))]
     space = Workspace(low, high, poses, options.reach, start, obstacles)
     if not space.admits(start[None]):
-        raise OptionError('plan: the start pose is not admissible: it lies outside the position '
+        raise OptionError('the start pose is not admissible: it lies outside the position '
                           'limits or too far from every recorded pose')
     if not space.is_clear([start]):
-        raise OptionError('plan: at the start pose the arm hits itself, by the collision geometry '
+        raise OptionError('at the start pose the arm hits itself, by the collision geometry '
                           'of the description')
     return space

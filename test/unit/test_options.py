@@ -54,10 +54,12 @@ def test_constants_are_positive(options, value):
      "unknown formulation 'magic'; choose from auto, per_joint"),
     (GateOptions, {'max_speed': 0.0}, 'max_speed'), (GateOptions, {'max_speed': NAN}, 'max_speed'),
     (GateOptions, {'max_speed': ()}, 'max_speed'), (GateOptions, {'rate_hz': -1.0}, 'rate_hz'),
-    *((PlanOptions, wrong, 'plan: ') for wrong in (
-        {'duration': 0.0}, {'max_speed': -1.0}, {'max_jerk': NAN}, {'reach': 0.0},
-        {'low': np.zeros(3)}, {'low': np.ones(3), 'high': np.zeros(3)},
-        {'start': np.full(3, NAN)})),
+    *((PlanOptions, wrong, message) for wrong, message in (
+        ({'duration': 0.0}, 'duration'), ({'max_speed': -1.0}, 'max_speed'),
+        ({'max_jerk': NAN}, 'max_jerk'), ({'reach': 0.0}, 'reach is 0.0'),
+        ({'low': np.zeros(3)}, 'both low and high'),
+        ({'low': np.ones(3), 'high': np.zeros(3)}, 'low must not exceed high'),
+        ({'start': np.full(3, NAN)}, 'start pose is not finite'))),
     (NoiseOptions, {'relative': -1.0}, 'relative'), (NoiseOptions, {'absolute': NAN}, 'absolute'),
     (NoiseOptions, {'absolute': INF}, 'absolute'),
     *((Weight, {'link': 'a', 'mass': mass}, 'must be positive') for mass in (0.0, -1.0, INF, NAN)),

@@ -67,6 +67,12 @@ def test_a_recorded_range_is_widened(folder, tmp_path, capsys):
     assert (q < ends[0] - 0.05).any() or (q > ends[1] + 0.05).any()
 
 
+def test_a_plan_for_gravity_alone_has_no_empty_table(folder, tmp_path, capsys):
+    assert main(command(folder, tmp_path / 'motion.yaml', '--settle', 'gravity')) == 0
+    printed = capsys.readouterr().out
+    assert 'gravity torque of' in printed and 'expected results' not in printed
+
+
 @pytest.mark.parametrize('joint, is_used', [('elbow', True), ('knee', False)])
 def test_a_widened_range_ends_at_the_limits_of_the_recorded_description(
         folder, tmp_path, capsys, joint, is_used):

@@ -164,7 +164,7 @@ def test_the_effect_that_the_recordings_measure_has_its_size():
 def test_nothing_is_open():
     moved = plan(one_way(0), model(), None, PlanOptions(20.0), estimated=estimated()).trajectory
     both = concatenate([one_way(0), played(moved)])
-    with pytest.raises(OptionError, match='no target is open'):
+    with pytest.raises(OptionError, match='no finding is open: name targets'):
         plan(both, model(), None, PlanOptions())
 
 
