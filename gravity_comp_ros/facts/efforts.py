@@ -25,9 +25,13 @@ def dead(signals: Signals) -> list[Fact]:
             Kind.DEAD_EFFORT, signals.names, f'effort is 0 throughout, for every joint{size}',
             Action.REFUSED, 'the driver does not measure it', values=_by_joint(signals, largest)))
     elif is_dead.any():
-        facts += [Fact(Kind.DEAD_EFFORT, (name,), f'effort of joint {name} is always 0',
-                       Action.NOTED, values={name: float(largest[signals.names.index(name)])})
-                  for name in signals.named(is_dead)]
+        names, alive = signals.named(is_dead), signals.named(~is_dead)
+        facts.append(Fact(
+            Kind.DEAD_EFFORT, names, f'effort of {", ".join(names)} is always 0', Action.NOTED,
+            'no torque acts there, or the driver does not measure it',
+            f'--joints {",".join(alive)} leaves it out', {
+                name: value for name, value in _by_joint(signals, largest).items()
+                if name in names}))
     if is_constant.any():
         names = signals.named(is_constant)
         facts.append(Fact(Kind.CONSTANT_EFFORT, names, f'effort never changes: {", ".join(names)}',

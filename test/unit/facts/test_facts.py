@@ -153,6 +153,12 @@ def test_dead_efforts_are_refused(tmp_path, size):
     assert facts(recording, Kind.DEAD_EFFORT)[0].action is Action.REFUSED
 
 
+def test_dead_efforts_of_some_joints_are_one_sentence_with_the_option(tmp_path):
+    fact = only(read(tmp_path, tau=TAU * [1, 1, 0, 0]), Kind.DEAD_EFFORT, Action.NOTED, NAMES[2:])
+    assert fact.sentence.startswith(f'effort of {", ".join(NAMES[2:])} is always 0: no torque')
+    assert f'--joints {",".join(NAMES[:2])} leaves' in fact.sentence
+
+
 def test_a_refusal_names_the_gripper_that_was_left_out(tmp_path):
     with pytest.raises(BagError, match='effort is 0 throughout.*left_finger.*left out'):
         read(tmp_path, np.c_[Q[:, 0], Q], np.c_[QD[:, 0], QD], np.zeros((COUNT, 5)),
