@@ -32,7 +32,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import percent
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.evaluation.compare import Comparison
+from gravity_comp_ros.evaluation.compare import COMPARISON, Comparison
 from gravity_comp_ros.evaluation.drift import Drift, drift
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -91,7 +91,9 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     return terminal.Answer(
         document, [*reading.lines(recording), '',
                    terminal.table(title, errors.columns, errors.rows), *_failures(listed),
-                   *([] if since is None else _drift_lines(args.previous.name, selected, since)),
+                   *([] if since is None else [
+                       *_drift_lines(args.previous.name, selected, since),
+                       *_updates_since(previous, model)]),
                    *next_step.lines('identify missing effects', diagnose)],
         [*reading.scale_warnings(model, recording.reports),
          *[f'only {counted(samples.n_samples, "slow sample")}: the error is unreliable; the '
@@ -159,13 +161,29 @@ def _drift_lines(name: str, selected: Sequence[str], since: Drift) -> list[termi
     """Return the change of each joint, and of each coefficient that changed."""
     rows = [(joint, f'{one.rms:.4f}', f'{one.mean:+.4f}',
              '' if one.std is None else f'{one.std:.4f}',
-             'unknown' if one.std is None else 'yes' if one.drifted else 'no')
+             'unknown' if one.unknown else 'yes' if one.drifted else 'no')
             for joint, one in since.joints.items() if joint in selected]
     lines = [f'{one.target} {one.symbol}: '
              + ' → '.join('not found' if x is None else wording.plus_minus(x)
                           for x in (one.before, one.after))
              for one in since.coefficients
              if one.drifted and one.target.split(':', 1)[1] in selected]
+    uncertain = [joint for joint, one in since.joints.items()
+                 if joint in selected and one.unknown and one.std is not None]
+    if uncertain:
+        lines.append(f'the gravity torque of {", ".join(uncertain)} is too uncertain to '
+                     f'exclude a change: fit both models to more poses, further apart')
     return ['', terminal.table(f'change of the gravity torque since {name}, N·m',
                                ('joint', 'RMS', 'mean', 'std of both models', 'drifted'), rows),
             *(lines or ['no coefficient of an effect drifted'])]
+
+
+def _updates_since(earlier: GravityModel | None, model: GravityModel) -> list[str]:
+    """Return a line on each update of a model since an earlier state of it."""
+    if earlier is None or earlier.provenance.get('report') != model.provenance.get('report'):
+        return []
+    known, updates = (each.provenance.get('updates', []) for each in (earlier, model))
+    return [f'update of {each["when"]}: the torque of the payload is up to ' + (', '.join(
+        f'{size:.3g} N·m of {joint}' for joint, size in each['effect_max'].items()
+        if size > COMPARISON.significance * each['std'][joint]) or 'its uncertainty')
+        for each in updates[len(known):]]

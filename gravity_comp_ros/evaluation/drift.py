@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import LAW_UNITS
+from gravity_comp_ros.effects.predict import static_effects
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.evaluation.compare import COMPARISON
 from gravity_comp_ros.models.applied_effects import AppliedEffect, Quantity
@@ -28,12 +29,15 @@ class JointDrift:
     Change of the gravity torque of a joint: RMS over the poses, and its mean, in N·m.
 
     `std` is its standard deviation in N·m, RMS over the poses, None for models without one.
+    `unknown` is True if there is none, or if a change that is not significant exceeds the noise:
+    gravity is too uncertain to exclude it.
     """
 
     rms: float
     mean: float
     std: float | None
     drifted: bool
+    unknown: bool
 
 
 @dataclass(frozen=True)
@@ -67,21 +71,35 @@ def drift(before: GravityModel, after: GravityModel, samples: JointSamples) -> D
     q = samples.joints(after.joints).q
     change = after.predict(q) - before.predict(q)
     std, joints = _std(before, after, q), {}
+    noise = np.hypot(before.noise_with_nuisance, after.noise_with_nuisance)
     for k, name in enumerate(after.joints):
         rms = float(np.sqrt((change[:, k] ** 2).mean()))
         error = None if std is None else float(std[k])
-        joints[name] = JointDrift(rms, float(change[:, k].mean()), error,
-                                  error is not None and rms > COMPARISON.significance * error)
+        drifted = error is not None and rms > COMPARISON.significance * error
+        joints[name] = JointDrift(
+            rms, float(change[:, k].mean()), error, drifted,
+            not drifted and (error is None or rms > COMPARISON.significance * float(noise[k])))
     return Drift(joints, tuple(_coefficients(before, after)))
 
 
 def _std(before: GravityModel, after: GravityModel, q: FloatArray) -> FloatArray | None:
-    """Return the RMS standard deviation (N,) of the change in N·m, None if it is unknown."""
+    """
+    Return the RMS standard deviation (N,) of the change in N·m, None if it is unknown.
+
+    A static effect that gravity absorbs nearly whole makes gravity uncertain, but not their sum.
+    Models that share it (`update` keeps the effects) differ by the change of the sum. In the
+    trained range the error of the sum is at most the residual of the training.
+    """
     try:
-        variance = before.predict_std(q) ** 2 + after.predict_std(q) ** 2
+        std, new = before.predict_std(q), after.predict_std(q)
     except DataError:
         return None
-    return np.asarray(np.sqrt(variance.mean(axis=0)))
+    shared = {effect.joint for effect in static_effects(before.applied.effects)
+              if effect in after.applied.effects}
+    inside = before.coverage.distance(q).max(axis=1) <= 0.0
+    known = np.outer(inside, [joint in shared for joint in before.joints])
+    std = np.where(known, np.minimum(std, before.noise_with_nuisance), std)
+    return np.asarray(np.sqrt((std ** 2 + new ** 2).mean(axis=0)))
 
 
 def _coefficients(before: GravityModel, after: GravityModel) -> Iterator[CoefficientDrift]:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import json
+import re
 
 from bench.shared.rough_links import JOINTS, two_links
 from gravity_comp_ros.cli import main
@@ -301,6 +302,37 @@ def test_coefficients_with_other_nonlinear_parameters_are_not_compared():
     same = drift(before, model(spring(0.0, 3.0)), motion())
     assert [(one.symbol, one.drifted) for one in same.coefficients] == [
         ('k', False), ('m', True), ('F_c', True)]
+
+
+def test_an_update_has_drifted_though_gravity_is_not_separated_from_a_spring():
+    """The split of both has no effect on their sum, with which the torque changed."""
+    split = AppliedEffect('joint_spring', 'b', {'centre': 0.0, 'overtones': 0.0}, {
+        'k': Value(4.0, 'N·m/rad', (-5.0, 13.0)), 'm': Value(0.0, 'N·m', (-2.0, 2.0))})
+    before = replace(model(), applied=Applied((split,)), covariance=np.diag([9.0, 0.0025]))
+    energy = Expansion(before.energy.indices, before.energy.weights - [5.0, 0.0])
+    changed = GravityModel.from_energy(
+        before.joints, 'potential', energy, before.noise, before.coverage, {},
+        covariance=model().covariance)
+    after, poses = replace(changed, applied=before.applied), motion(duration=5.0)
+    of_b = drift(before, after, poses).joints['b']
+    assert of_b.drifted and not of_b.unknown
+    assert of_b.rms == pytest.approx(5.0 * np.sqrt((np.sin(poses.q[:, 1]) ** 2).mean()))
+    # Another split may be another gravity of the same arm.
+    of_b = drift(before, changed, poses).joints['b']
+    assert not of_b.drifted and of_b.unknown
+    same = drift(before, before, poses).joints['b']
+    assert not same.drifted and not same.unknown
+
+
+def test_compare_lists_the_updates_since_the_earlier_model(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    assert main(['update', 'c.mcap', '--model', 'a.json', '-o', 'updated.json']) == 0
+    capsys.readouterr()
+    assert main(['compare', 'c.mcap', '--model', 'updated.json', '--previous', 'a.json']) == 0
+    out = capsys.readouterr().out
+    assert re.search(r'update of .*: the torque of the payload is up to 1[.0-9]* N·m of', out)
+    assert main(['compare', 'c.mcap', '--model', 'updated.json', '--previous', 'b.json']) == 0
+    assert 'update of' not in capsys.readouterr().out
 
 
 def test_other_joints_are_refused(folder):
