@@ -175,7 +175,11 @@ def _description(args: argparse.Namespace, model: GravityModel) -> Result:
             'files': [str(args.output)], 'effects': changed.effects, 'left_out': changed.left_out,
             'not_added': [effect.target for effect in written_friction(
                 _only_found(model), model.joints)],
-            'links': changed.links,
+            'links': changed.links, 'warnings': [
+                f'the recordings of the model do not determine the gravity torque of {joint}: the '
+                f'masses of the description decide, and differ from the model by up to '
+                f'{changed.after[joint]:.3g} N·m. Fit a motion that moves the other joints as '
+                f'well, and export again' for joint in changed.uncertain],
             'difference': {joint: {'before': changed.before[joint], 'after': value}
                            for joint, value in changed.after.items()}}
 

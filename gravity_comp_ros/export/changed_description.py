@@ -14,19 +14,24 @@ it is independent of the frames (T. Lee, P. M. Wensing, F. C. Park, Geometric ro
 identification: a convex programming approach, IEEE Trans. Robotics 36, 2020). So masses are
 positive, and with the inertia of the description about the new centre the links are physically
 consistent.
+
+The torque is that of the model within its covariance. Where the motion did not separate gravity
+from another static torque, such as a spring, the masses of the description decide.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.poses import random_poses
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.predict import static_effects, torque_of
 from gravity_comp_ros.errors import FitError, ModelMismatchError
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
-from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.applied_effects import AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import shown_names
 import numpy as np
@@ -42,14 +47,16 @@ class NearestOptions:
     """
     Options of the search.
 
-    `poses` are drawn from the trained range. `tolerance` is the standard deviation with which the
-    torque of the masses follows the model's, as a share of the joint's largest: no torque sensor
-    is that accurate. `min_radius` in m is the smallest radius of gyration of a link, since many
-    descriptions give point masses. `max_misfit` is the largest RMS deviation from the model, as a
-    share of the joint's RMS torque, beyond the noise: a larger one is that of another arm.
-    `thinnest` is the smallest second moment along an axis of a repaired inertia, as a share of the
-    largest. `converged` is the gradient by the logarithms of the masses at which the search ends;
-    at more than `acceptable` it failed.
+    `poses` are drawn from the trained range. `tolerance` is the standard deviation, in addition to
+    that of the model, with which the torque of the masses follows the model's, as a share of the
+    joint's largest: no torque sensor is that accurate. `min_radius` in m is the smallest radius of
+    gyration of a link, since many descriptions give point masses. `max_misfit` is the largest RMS
+    deviation from the model, as a share of the joint's RMS torque, beyond the noise: a larger one
+    is that of another arm. `mass_error` is the relative standard deviation of the masses of a
+    description, with which they decide where gravity is uncertain by `errors` standard deviations
+    of the model. `thinnest` is the smallest second moment along an axis of a repaired inertia, as
+    a share of the largest. `converged` is the gradient by the logarithms of the masses at which
+    the search ends; at more than `acceptable` it failed.
 
     :raises OptionError: if a number is not positive.
     """
@@ -58,6 +65,8 @@ class NearestOptions:
     tolerance: float = 5e-4
     min_radius: float = 0.01
     max_misfit: float = 0.05
+    mass_error: float = 0.3
+    errors: float = 3.0
     thinnest: float = 1e-3
     converged: float = 1e-8
     acceptable: float = 1e-3
@@ -87,22 +96,34 @@ class Links:
 
 
 def nearest_masses(links: Links, regressor: FloatArray, torque: FloatArray, noise: FloatArray,
-                   joints: tuple[str, ...], options: NearestOptions = NearestOptions()
-                   ) -> FloatArray:
+                   joints: tuple[str, ...], deviations: FloatArray,
+                   options: NearestOptions = NearestOptions()) -> FloatArray:
     """
     Return the masses and first moments x (4L,) that give a torque, as `Links.parameters`.
 
     :param regressor: Y (M, N, 4L) at M poses, columns as `Links.parameters`.
     :param torque: of the model (M, N) in N·m at these poses.
     :param noise: of the model (N,) in N·m; a deviation of that size is no misfit.
+    :param deviations: of the torque (K, M, N) by independent errors of the model.
     :raises ModelMismatchError: if no masses give this torque.
     """
     m, n = torque.shape
     scale = options.tolerance * np.maximum(np.abs(torque).max(axis=0),
-                                           0.01 * np.abs(torque).max(initial=1e-6))
-    rows = (regressor / scale[:, None]).reshape(m * n, -1)
-    x = _minimum(links, rows, (torque / scale).ravel(), options)
-    _check_misfit(regressor @ x - torque, torque, noise, joints, options)
+                                           0.1 * np.abs(torque).max(initial=1e-6))
+    rows, target = (regressor / scale[:, None]).reshape(m * n, -1), (torque / scale).ravel()
+    # The covariance of the target is the identity plus that of the errors.
+    axes, size, _ = np.linalg.svd((options.errors * deviations / scale).reshape(-1, m * n).T,
+                                  full_matrices=False)
+    share = 1.0 / np.sqrt(1.0 + size ** 2)
+
+    def weighted(values: FloatArray, factor: FloatArray) -> FloatArray:
+        return np.asarray(values + axes @ ((factor - 1.0) * (axes.T @ values).T).T)
+
+    x = _minimum(links, options.mass_error * weighted(rows, share),
+                 options.mass_error * weighted(target, share), options)
+    # Without the most probable errors of the model.
+    residual = weighted(rows @ x - target, share ** 2).reshape(m, n) * scale
+    _check_misfit(residual, _limit(torque, noise, options), joints)
     return x
 
 
@@ -142,10 +163,13 @@ def _minimum(links: Links, rows: FloatArray, target: FloatArray,
     return best(result.x)[2]
 
 
-def _check_misfit(residual: FloatArray, torque: FloatArray, noise: FloatArray,
-                  joints: tuple[str, ...], options: NearestOptions) -> None:
+def _limit(torque: FloatArray, noise: FloatArray, options: NearestOptions) -> FloatArray:
+    """Return the largest RMS (N,) in N·m that is no misfit."""
+    return np.asarray(options.max_misfit * np.sqrt((torque ** 2).mean(axis=0)) + noise)
+
+
+def _check_misfit(residual: FloatArray, limit: FloatArray, joints: tuple[str, ...]) -> None:
     rms = np.sqrt((residual ** 2).mean(axis=0))
-    limit = options.max_misfit * np.sqrt((torque ** 2).mean(axis=0)) + noise
     wrong = [joint for joint, is_wrong in zip(joints, rms > limit) if is_wrong]
     if wrong:
         worst = int(np.argmax(rms - limit))
@@ -172,7 +196,8 @@ class ChangedDescription:
     The changed file, its links by name, and what could not be written.
 
     `before` and `after` are, by joint, the largest deviation in N·m from the model's torque in
-    the trained range. `effects` are written as friction; `left_out` are the others.
+    the trained range. `effects` are written as friction; `left_out` are the others. `uncertain`
+    are joints whose gravity torque the model does not determine, so that the description decides.
     """
 
     data: bytes
@@ -182,6 +207,7 @@ class ChangedDescription:
     effects: tuple[str, ...]
     left_out: Mapping[str, str]
     notes: tuple[str, ...]
+    uncertain: tuple[str, ...]
 
 
 def changed_description(edit: XmlEdit, model: GravityModel, links: Links,
@@ -203,7 +229,7 @@ def changed_description(edit: XmlEdit, model: GravityModel, links: Links,
     q = random_poses(model.n_joints, model.coverage.q_min, model.coverage.q_max,
                      NearestOptions.poses)
     regressor, torque, changes = columns(q), model.predict(q), {}
-    x = nearest_masses(links, regressor, torque, model.noise, model.joints)
+    x = nearest_masses(links, regressor, torque, model.noise, model.joints, _deviations(model, q))
     for k, (name, (mass, *moment)) in enumerate(zip(links.names, x.reshape(-1, 4).tolist())):
         centre = np.array(moment) / mass
         write(k, mass, centre)
@@ -212,12 +238,38 @@ def changed_description(edit: XmlEdit, model: GravityModel, links: Links,
     before, after = (
         dict(zip(model.joints, np.abs(regressor @ each - torque).max(axis=0).tolist()))
         for each in (links.parameters, x))
+    rms = np.sqrt(((regressor @ x - torque) ** 2).mean(axis=0))
+    # An interval that contains 0: gravity absorbs the effect.
+    absorbed = {effect.joint for effect in static_effects(model.applied.effects) if all(
+        x.ci95[0] <= 0.0 <= x.ci95[1] for x in effect.coefficients.values())}
+    limits = _limit(torque, model.noise, NearestOptions())
+    uncertain = tuple(joint for joint, error, limit in zip(model.joints, rms, limits)
+                      if error > limit or joint in absorbed)
     written = written_friction(model, joints)
     _write_friction(edit, joints, written, friction)
     left_out = {effect.target: reason for effect in model.applied.effects
                 if effect not in written}
     return ChangedDescription(edit.result(), changes, before, after,
-                              tuple(effect.target for effect in written), left_out, tuple(notes))
+                              tuple(effect.target for effect in written), left_out, tuple(notes),
+                              uncertain)
+
+
+def _deviations(model: GravityModel, q: FloatArray) -> FloatArray:
+    """
+    Return changes (K, M, N) in N·m of the gravity torque by independent errors of the model.
+
+    The motion determines the sum of gravity and static effects: errors of these are errors of it.
+    """
+    still = np.zeros_like(q)
+    samples = JointSamples.single_run(model.joints, np.arange(len(q)), q, still, still)
+    parts = [np.zeros((0, *q.shape)) if model.covariance is None else model.deviations(q)]
+    for effect in static_effects(model.applied.effects):
+        for symbol in effect.coefficients:
+            error = replace(effect, coefficients={
+                name: Value.around(x.half / HALF_95 * (name == symbol), x.unit, 0.0)
+                for name, x in effect.coefficients.items()})
+            parts.append(torque_of(model, [error], samples)[None])
+    return np.concatenate(parts)
 
 
 def written_friction(model: GravityModel, joints: Collection[str]) -> list[AppliedEffect]:

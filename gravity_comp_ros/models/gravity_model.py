@@ -203,20 +203,28 @@ class GravityModel:
 
         :raises DataError: if the model has no uncertainty, or q another number of joints.
         """
+        q = self._poses(q)
+        return np.concatenate([np.sqrt((self.deviations(q[rows]) ** 2).sum(axis=0))
+                               for rows in batches(len(q))])
+
+    def deviations(self, q: FloatArray) -> FloatArray:
+        """
+        Return changes (K, M, N) of `predict` at q (M, N), N·m; the squares sum to its variance.
+
+        They are those by K independent errors of the parameters, of one standard deviation each.
+
+        :raises DataError: if the model has no uncertainty.
+        """
         if self.covariance is None:
             raise DataError(f'this {self.formulation} model has no uncertainty; fit it again '
                             f'as chain or potential')
-        q = self._poses(q)
-        return np.concatenate([self._std(q[rows]) for rows in batches(len(q))])
-
-    def _std(self, q: FloatArray) -> FloatArray:
         if self.chain is not None:
             columns = self.chain.jacobian(q)
         else:
             assert self.energy is not None
             columns = EnergyDesign(q, np.ones(q.shape)).columns(self.energy.indices).T
         spread = self._root.T @ columns.reshape(len(columns), q.size)
-        return np.sqrt((spread ** 2).sum(axis=0)).reshape(*q.T.shape).T
+        return spread.reshape(-1, *q.T.shape).transpose(0, 2, 1)
 
     @cached_property
     def _root(self) -> FloatArray:

@@ -150,11 +150,35 @@ def test_the_nearest_masses_by_hand():
     q = np.linspace(-2, 2, 50)[:, None]
     regressor = np.stack([np.zeros_like(q), np.sin(q), np.zeros_like(q), np.cos(q)], axis=-1)
     torque = h * np.sin(q)
-    x = nearest_masses(links, regressor, torque, np.zeros(1), ('a',),
+    x = nearest_masses(links, regressor, torque, np.zeros(1), ('a',), np.zeros((0, *torque.shape)),
                        NearestOptions(tolerance=1e-6, min_radius=1e-9))
     mass = (m0 + np.sqrt(m0 ** 2 + 4.0 * m0 * h ** 2 / s)) / 2.0
     assert x[0] == pytest.approx(mass, rel=1e-4)
     np.testing.assert_allclose(x[1:] / x[0], [h / mass, 0.0, 0.0], atol=1e-5)
+
+
+def test_gravity_that_is_not_separated_from_a_spring_changes_no_mass():
+    """The model has 15 N·m too much gravity, and a spring that holds as much less."""
+    exact = exact_model(IIWA, JOINTS)
+    wrong = exact.chain.moments.copy()
+    wrong[1, 1] += 15.0
+    std = np.full(28, 1e-4)
+    std[14 + 3] = 8.0
+    spring = AppliedEffect('joint_spring', JOINTS[1], {'centre': 0.0, 'overtones': 0.0}, {
+        'k': Value(-15.0, 'N·m/rad', (-31.0, 1.0)), 'm': Value(0.0, 'N·m', (-1.0, 1.0))})
+    chain = Chain(exact.chain.axes, wrong)
+    model = replace(exact, chain=chain, energy=expand(chain), torques=(),
+                    covariance=np.diag(std ** 2), applied=Applied((spring,)))
+    changed = changed_urdf(IIWA, model)
+    for link in changed.links.values():
+        assert link.mass == pytest.approx(link.mass_before, rel=0.05)
+        np.testing.assert_allclose(link.centre, link.centre_before, atol=2e-3)
+    assert changed.uncertain == (JOINTS[1],)
+    # Without a larger mass the torque of a model with that much gravity is not reached.
+    sure = changed_urdf(IIWA, replace(model, covariance=np.diag(1e-8 * np.ones(28)),
+                                      applied=Applied()))
+    assert max(abs(link.mass / link.mass_before - 1.0) for link in sure.links.values()) > 0.3
+    assert not sure.uncertain
 
 
 def test_a_model_of_an_arm_with_other_joints_or_axes_is_refused():
