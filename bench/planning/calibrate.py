@@ -24,8 +24,9 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning import plan, PlanOptions
+from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.questions import named_targets
+from gravity_comp_ros.planning.workspace import PlanOptions
 from gravity_comp_ros.simulation import motions
 import numpy as np
 

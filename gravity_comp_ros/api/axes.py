@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder
 from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
-from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 import numpy as np
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
     from gravity_comp_ros.api.recording import Recording
     from gravity_comp_ros.description.links import DescribedArm
     from gravity_comp_ros.description.robot_tree import RobotTree
+    from gravity_comp_ros.estimation.estimate import FitOptions
     from gravity_comp_ros.recordings.bag import ReadReport
 
 NO_DESCRIPTION = 'none'
@@ -35,8 +35,8 @@ class ArmOptions:
     """
     Options on the arm of a fit.
 
-    `formulation` is one of `estimation.estimate.CHOICES`; None is the default, which is `chain` if
-    the user names a description. `urdf` is a description file, or `none`; None selects that in the
+    `formulation` is one of `gravity_model.CHOICES`; None is the default, which is `chain` if the
+    user names a description. `urdf` is a description file, or `none`; None selects that in the
     recordings. `fixed` gives positions, in rad or m, of description joints that are not part of
     the recorded arm; the others are at their recorded position, or at 0. `ordered` is True if the
     joints are given in the order of the arm; otherwise description, names or torques give it.
@@ -64,6 +64,7 @@ class ArmOptions:
 
     def to_fit(self, arm: KnownArm) -> FitOptions:
         """Return the options of the estimator for an arm."""
+        from gravity_comp_ros.estimation.estimate import FitOptions  # takes 0.3 s
         default = FitOptions().formulation
         if arm.geometry is not None and arm.from_user:
             # With a description from the recordings, which may be wrong, the data select it.

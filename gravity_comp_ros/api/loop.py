@@ -13,7 +13,6 @@ from gravity_comp_ros.api.steps import (
     add_to_model, compare_model, diagnose_recording, learn, order_by_torques, update_model)
 from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import MotionPlan
@@ -90,8 +89,7 @@ def diagnose(recording: Recording, model: Model | None = None, *,
     :raises OptionError: if an effect is unknown.
     :raises ModelMismatchError: if a joint of the model is missing in the recording.
     """
-    options = DiagnosisOptions(effects=None if effects is None else tuple(effects))
-    return diagnose_recording(recording, model.gravity if model else None, options,
+    return diagnose_recording(recording, model.gravity if model else None, effects,
                               ArmOptions(ordered=True), progress).diagnosis
 
 

@@ -14,10 +14,11 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.description.joint_order import NAMES
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.estimation.options import OPTIONS
-from gravity_comp_ros.estimation.torque_facts import torque_facts, WholeArm
 from gravity_comp_ros.facts.fact import Fact, refused, unless_accepted
 from gravity_comp_ros.models.gravity_model import GravityModel
+
 if TYPE_CHECKING:
+    from gravity_comp_ros.estimation.torque_facts import WholeArm
     # Imports file-format libraries, which arrays do not need.
     from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
     from gravity_comp_ros.recordings.bag import Recording as BagRecording
@@ -132,6 +133,7 @@ def arm_facts(recording: Recording, arm: KnownArm | None = None,
     """
     if not recording.reports:
         return []
+    from gravity_comp_ros.estimation.torque_facts import torque_facts  # imports SciPy
     rotations, by_name = None, False
     if arm is not None:
         recording, geometry = arm.of(recording), arm.geometry

@@ -18,27 +18,23 @@ from gravity_comp_ros.data.gate import apply_gate, GateOptions
 from gravity_comp_ros.data.runs import Block, GUARD, numbers_in, recorded_time, within
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.description.joint_order import AS_RECORDED, JointOrder, TORQUES
-from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.registry import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.estimation.axis_directions import joint_order_from_torques
-from gravity_comp_ros.estimation.estimate import FitOptions
-from gravity_comp_ros.estimation.fit import fit, fit_again, FitResult
 from gravity_comp_ros.estimation.options import OPTIONS
-from gravity_comp_ros.estimation.refit import Refit, refit
-from gravity_comp_ros.estimation.subset_stability import convergence_objection
-from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.facts.fact import Fact
 from gravity_comp_ros.facts.options import FactOptions
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.history import now, with_step
 import numpy as np
-
 if TYPE_CHECKING:
+    # Import SciPy, which takes 0.3 s; --help and comparisons do without.
+    from gravity_comp_ros.estimation.estimate import FitOptions
+    from gravity_comp_ros.estimation.fit import FitResult
+    from gravity_comp_ros.estimation.refit import Refit
+    from gravity_comp_ros.estimation.update import UpdateResult
     from gravity_comp_ros.recordings.bag import ReadReport
 
 PAYLOAD = 'payload'
@@ -116,14 +112,15 @@ def learn(recording: Recording, options: ArmOptions = ArmOptions(),
     return Learned(result, refitted, arm, recording, facts)
 
 
-def fit_model(recording: Recording, options: FitOptions = FitOptions(),
-              effects: Sequence[str] = (),
+def fit_model(recording: Recording, options: FitOptions, effects: Sequence[str] = (),
               progress: Progress | None = None) -> tuple[FitResult, Refit | None]:
     """
     Fit gravity to the slow samples, jointly with the named effects, on known axes and joints.
 
     The refit of the effects is None if the fit of gravity predicts all of them.
     """
+    from gravity_comp_ros.estimation.fit import fit
+    from gravity_comp_ros.estimation.refit import refit
     if options.geometry is not None:
         recording = recording.select_joints(options.geometry.joints)
     recording = with_enough_motion(recording)
@@ -148,6 +145,8 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
 def _convergence_objection(samples: JointSamples, result: FitResult,
                            options: FitOptions) -> str | None:
     """Return a sentence if a fit to part of a short recording gives another model, else None."""
+    from gravity_comp_ros.estimation.fit import fit_again
+    from gravity_comp_ros.estimation.subset_stability import convergence_objection
     if recorded_time(samples) > _MAX_TESTED_TIME:
         return None
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
@@ -163,6 +162,7 @@ def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | No
 
     :param result: fit in the order of the recording.
     """
+    from gravity_comp_ros.estimation.axis_directions import joint_order_from_torques
     if result.report.white:
         return None
     joints = joint_order_from_torques(with_enough_motion(recording).slow)
@@ -207,7 +207,7 @@ def slow_mask(recording: Recording) -> BoolArray:
 
 
 def diagnose_recording(recording: Recording, model: GravityModel | None = None,
-                       options: DiagnosisOptions = DiagnosisOptions(),
+                       effects: Sequence[str] | None = None,
                        learning: ArmOptions = ArmOptions(), progress: Progress | None = None,
                        fits: bool = False) -> Diagnosed:
     """
@@ -217,9 +217,14 @@ def diagnose_recording(recording: Recording, model: GravityModel | None = None,
     order and the formulation; it is fitted if one of them is required, or if `fits`. Samples that
     were held out of its fit are left out.
 
+    :param effects: names of the effects to test; None for all.
     :param learning: options of that fit.
     :raises DataError: if a fact on the joints is refused.
+    :raises OptionError: if an effect is unknown.
     """
+    from gravity_comp_ros.diagnosis.diagnose import diagnose
+    from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
+    options = DiagnosisOptions(effects=None if effects is None else tuple(effects))
     if model is not None:
         facts = checked_facts(recording, model=model)
         use = not_held_out(model, recording)
@@ -227,7 +232,7 @@ def diagnose_recording(recording: Recording, model: GravityModel | None = None,
     else:
         arm = known_arm(recording, learning)
         if (fits or arm.geometry is not None or arm.order.source == AS_RECORDED
-                or learning.formulation not in (None, FitOptions().formulation)):
+                or learning.formulation not in (None, 'auto')):
             learned = learn(recording, learning, progress=progress, arm=arm)
             model, facts = learned.model, learned.facts
         else:
@@ -246,6 +251,7 @@ def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[st
 
     :raises DataError: if a fact on the joints is refused.
     """
+    from gravity_comp_ros.estimation.refit import refit
     recording = recording.select_joints(model.joints)
     checked_facts(recording, model=model)
     fitted = with_enough_motion(replace(recording, use=not_held_out(model, recording)))
@@ -271,6 +277,7 @@ def update_model(model: GravityModel, recording: Recording,
 
     :raises DataError: if a fact on the joints is refused.
     """
+    from gravity_comp_ros.estimation.update import update
     recording = recording.select_joints(model.joints)
     try:
         checked_facts(recording, model=model, min_ratio=OPTIONS.min_error)

@@ -19,15 +19,18 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 import shlex
+from typing import TYPE_CHECKING
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import add_to_model, with_enough_motion
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.effects.registry import all_effects, requests
-from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.estimation.refit import Refit
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -33,8 +33,7 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND
-from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
-from gravity_comp_ros.effects.registry import broken_plug_ins
+from gravity_comp_ros.effects.registry import broken_plug_ins, known_effect
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.facts.motion import describe
@@ -69,13 +68,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Answer:
     """Read, diagnose and show."""
     html.check_libraries(args)
-    options = DiagnosisOptions(effects=args.effects)
+    for name in args.effects or ():  # before the bags are read
+        known_effect(name)
     model = _model(args)
     started = time.perf_counter()
     with terminal.progress() as report:
         recording = replace(reading.load(args, report, is_gated=False), gate=GateOptions())
         learning = ArmOptions(urdf=args.urdf, ordered=args.joints is not None)
-        diagnosed = diagnose_recording(recording, model, options, learning, report,
+        diagnosed = diagnose_recording(recording, model, args.effects, learning, report,
                                        fits=bool(args.html))
     recording, reports = diagnosed.recording, diagnosed.recording.reports
     diagnosis = replace(diagnosed.diagnosis, findings=tuple(

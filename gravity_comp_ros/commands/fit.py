@@ -23,6 +23,7 @@ import argparse
 from math import degrees
 from pathlib import Path
 import time
+from typing import TYPE_CHECKING
 
 from gravity_comp_ros.api.axes import known_arm
 from gravity_comp_ros.api.recording import Recording
@@ -30,13 +31,14 @@ from gravity_comp_ros.api.steps import compare_model, learn, Learned, with_enoug
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.display import shortened
-from gravity_comp_ros.estimation.estimate import CHOICES
-from gravity_comp_ros.estimation.fit import FitResult
-from gravity_comp_ros.estimation.fit_report import fitted_sentence
 from gravity_comp_ros.evaluation.compare import Comparison
+from gravity_comp_ros.models.gravity_model import CHOICES
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.estimation.fit import FitResult
 
 # Number of terms shown of each equation.
 _SHOWN = 8
@@ -101,6 +103,7 @@ def run(args: argparse.Namespace) -> Answer:
 
 def _lines(args: argparse.Namespace, learned: Learned, held_out: Comparison | None,
            seconds: float) -> list[terminal.Line]:
+    from gravity_comp_ros.estimation.fit_report import fitted_sentence
     fitted, arm, result = learned.recording, learned.arm, learned.result
     effects, report = fitted_sentence(result.model), result.report
     saved = f'saved in {args.output}' if args.output else 'not saved (no -o)'

@@ -27,7 +27,7 @@ from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.diagnosis.findings import Verdict
 from gravity_comp_ros.effects.registry import known_effect
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.estimation.estimate import CHOICES
+from gravity_comp_ros.models.gravity_model import CHOICES
 from gravity_comp_ros.printable import counted
 
 if TYPE_CHECKING:

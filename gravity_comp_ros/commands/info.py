@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from gravity_comp_ros.api.axes import known_arm, KnownArm, NO_DESCRIPTION
 from gravity_comp_ros.api.read import arm_facts, joined, read_each
@@ -28,10 +29,12 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.facts.fact import Action, Fact, Kind, refused
 from gravity_comp_ros.facts.motion import describe, RecordingFacts
-from gravity_comp_ros.planning.enough import Enough, enough_motion
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.recordings.cleaning import listed
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.planning.enough import Enough
 
 _COLOURS = {Action.NOTED: 'yellow', Action.CORRECTED: 'green', Action.LEFT_OUT: 'green',
             Action.REFUSED: 'red'}
@@ -79,6 +82,7 @@ def _enough(recording: Recording, arm: KnownArm, refusals: list[Fact]) -> Enough
     """Return the sufficiency of the motion; None if the effort is no torque, or no joint moves."""
     if any(fact.kind is not Kind.EFFORT_SIGN for fact in refusals):
         return None
+    from gravity_comp_ros.planning.enough import enough_motion  # imports SciPy
     try:
         return enough_motion(recording.samples, arm.geometry)
     except FitError:

@@ -27,10 +27,10 @@ from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.planning import MotionPlan, plan, PlanOptions
 from gravity_comp_ros.planning.collision import arm_limits
-from gravity_comp_ros.planning.expected import EXPECTED
+from gravity_comp_ros.planning.expected import EXPECTED, MotionPlan
 from gravity_comp_ros.planning.trajectory_files import ENDINGS, write_trajectory
+from gravity_comp_ros.planning.workspace import PlanOptions
 from gravity_comp_ros.printable import counted
 import numpy as np
 
@@ -78,6 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> terminal.Answer:
     """Plan, write the motion, and show its expected results."""
+    from gravity_comp_ros.planning.plan import plan  # imports SciPy
     model = load_model(args.model)
     args.joints = model.joints
     targets = None if args.settle is None else args.settle.split(',')

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gravity_comp_ros.api.axes import carried_in_motion, described
 from gravity_comp_ros.api.read import read_recording
@@ -18,7 +19,6 @@ from gravity_comp_ros.description.robot_tree import find_description, read_text
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.display import change, percent
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.facts.motion import MOTION, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.history import now, undone
@@ -26,6 +26,9 @@ from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.estimation.refit import Refit
 
 
 def load(args: argparse.Namespace, report: ProgressCallback,

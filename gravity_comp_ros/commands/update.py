@@ -21,6 +21,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 import shlex
+from typing import TYPE_CHECKING
 
 from gravity_comp_ros.api.axes import known_arm, NO_DESCRIPTION
 from gravity_comp_ros.api.steps import update_model
@@ -28,12 +29,14 @@ from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.estimation.update import UpdateResult
-from gravity_comp_ros.estimation.update_step import PayloadEstimate
 from gravity_comp_ros.export.payload_lines import in_frame, load_of, millimetres
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.model_file import load_model, save_model
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.estimation.update import UpdateResult
+    from gravity_comp_ros.estimation.update_step import PayloadEstimate
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.description.robot_tree import read_text
-from gravity_comp_ros.estimation.estimate import CHOICES, FitOptions
+from gravity_comp_ros.models.gravity_model import CHOICES
 from gravity_comp_ros.recordings.storage import open_storage
 
 
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     from gravity_comp_ros.workbench.serve import serve
     from gravity_comp_ros.workbench.store import Choice, Stage, State
     reading = arguments.read_options(args)
-    choice = Choice((), reading.joints or (), args.formulation or FitOptions().formulation,
+    choice = Choice((), reading.joints or (), args.formulation or CHOICES[0],
                     reading, arguments.gate(args))
     if args.urdf is not None:
         read_text(args.urdf)

@@ -18,7 +18,7 @@ from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
-from gravity_comp_ros.models.gravity_model import FORMULATIONS, GravityModel
+from gravity_comp_ros.models.gravity_model import CHOICES, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.dictionary import at_rest
 from gravity_comp_ros.models.sparse.sparse_fit import fit_per_joint, fit_potential, SparseFit
@@ -38,9 +38,6 @@ from gravity_comp_ros.regression.vertical import with_estimated_vertical
 import numpy as np
 
 MIN_SAMPLES = 10
-# Formulations to choose from; `auto` chooses between chain and potential by the data.
-CHOICES = ('auto', *FORMULATIONS)
-
 Progress = Callable[[str, float], None]
 
 

@@ -15,13 +15,13 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.registry import all_effects, Request
 from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import DataError, FitError
-from gravity_comp_ros.estimation.estimate import CHOICES, Estimate, estimate, FitOptions, Progress
+from gravity_comp_ros.estimation.estimate import Estimate, estimate, FitOptions, Progress
 from gravity_comp_ros.estimation.estimated_model import (
     alternatives_of, gain_of_dynamics, has_dynamics, is_absorbed, model_of, target_of)
 from gravity_comp_ros.estimation.fit import excited, keys_of
 from gravity_comp_ros.estimation.held_out import held_out_torques, HeldOutTorques
 from gravity_comp_ros.estimation.options import OPTIONS
-from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.gravity_model import CHOICES, GravityModel
 from gravity_comp_ros.regression.gains import p_of
 import numpy as np
 

@@ -35,8 +35,6 @@ from gravity_comp_ros.models.applied_effects import AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import shown_names
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.optimize import minimize
 
 # Coefficients of the effects that a description has as friction.
 _SYMBOLS = {'coulomb_friction': 'F_c', 'viscous_friction': 'F_v'}
@@ -135,6 +133,8 @@ def _minimum(links: Links, rows: FloatArray, target: FloatArray,
     For given masses the best first moments are linear in the target. What remains is a function
     of the logarithms of the masses, whose gradient is that at fixed moments (envelope theorem).
     """
+    from scipy.linalg import block_diag  # imported here because they take 0.4 s
+    from scipy.optimize import minimize
     count, size = len(links.masses), np.arange(3)
     second = links.second_moments.copy()
     second[:, size, size] += links.masses[:, None] * options.min_radius ** 2

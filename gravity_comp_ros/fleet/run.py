@@ -32,7 +32,6 @@ from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.steps import diagnose_recording, learn
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
 from gravity_comp_ros.errors import BagError, DataError, FitError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -312,7 +311,7 @@ def _result(robot: tuple[str, tuple[Path, ...]], options: FleetOptions) -> tuple
     if model is not None and reading.joints is None:
         reading = replace(reading, joints=model.joints)
     recording, failed = _read(bags, reading, options.gate)
-    document = diagnose_recording(recording, model, DiagnosisOptions(effects=options.effects),
+    document = diagnose_recording(recording, model, options.effects,
                                   options.learning).diagnosis.to_json()
     return {'failed_bags': failed, 'entry': {
         'diagnosis': f'{name}.diagnosis.json', 'findings': document['findings']}}, document

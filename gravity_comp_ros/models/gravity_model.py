@@ -28,6 +28,8 @@ import numpy as np
 # Number of features above which the chain itself is evaluated faster than its expansion.
 _MAX_FEATURES = 100
 FORMULATIONS = ('per_joint', 'potential', 'chain')
+# Formulations to choose from; `auto` chooses between chain and potential by the data.
+CHOICES = ('auto', *FORMULATIONS)
 ADDED, REMOVED, UPDATED = 'added', 'removed', 'updated'
 
 

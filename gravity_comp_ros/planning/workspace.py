@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.planning.collision import SelfCollision
 import numpy as np
-from scipy.spatial import cKDTree
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 # Largest number of recorded poses that are kept, about.
 _MAX_POSES = 1500
@@ -157,6 +160,7 @@ class Workspace:
 
     @cached_property
     def _tree(self) -> cKDTree:
+        from scipy.spatial import cKDTree  # imported here because it takes 0.2 s
         return cKDTree(self.poses)
 
     def admits(self, q: FloatArray) -> bool:

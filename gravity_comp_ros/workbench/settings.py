@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.estimate import CHOICES
 from gravity_comp_ros.facts.fact import refused
+from gravity_comp_ros.models.gravity_model import CHOICES
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.store import Choice

@@ -10,7 +10,7 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.models.sparse.admm import AdmmOptions
-from gravity_comp_ros.planning import PlanOptions
+from gravity_comp_ros.planning.workspace import PlanOptions
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.table import TableOptions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions

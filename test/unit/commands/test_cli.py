@@ -68,6 +68,14 @@ def test_the_overview_imports_no_numerical_modules():
     assert done.returncode == 0 and done.stdout.endswith('[]\n'), done.stdout
 
 
+def test_the_help_of_no_verb_imports_scipy():
+    code = ('import sys; from gravity_comp_ros.commands import arguments, VERBS; '
+            '[arguments.verb_parser(verb).format_help() for verb in VERBS if verb != "completion"]'
+            '; sys.exit("scipy" in sys.modules)')
+    done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, timeout=60)
+    assert done.returncode == 0
+
+
 def test_defaults_of_the_gate_are_those_in_the_help(capsys):
     assert cli.main(['fit', '--help']) == 0
     output = ' '.join(capsys.readouterr().out.split())

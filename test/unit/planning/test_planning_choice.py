@@ -11,11 +11,11 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.estimate import estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import model_of
-from gravity_comp_ros.planning import plan, PlanOptions
 from gravity_comp_ros.planning.criterion import _evidence, uncertain_joints
+from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.questions import named_targets, open_targets, questions_of
 from gravity_comp_ros.planning.sums import Sums
-from gravity_comp_ros.planning.workspace import Line, sampled
+from gravity_comp_ros.planning.workspace import Line, PlanOptions, sampled
 from gravity_comp_ros.regression.candidates import TermFactory
 from gravity_comp_ros.regression.design import Design
 from gravity_comp_ros.regression.gains import gain, score_of

@@ -10,11 +10,12 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import FitError, GravityCompError, OptionError
 from gravity_comp_ros.facts.fact import Kind
 from gravity_comp_ros.models.model_file import save_model
-from gravity_comp_ros.planning import plan, PlanOptions
 from gravity_comp_ros.planning.collision import (
     arm_limits, CollisionsUnchecked, MARGIN, self_collision)
 from gravity_comp_ros.planning.enough import enough_motion
+from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.trajectory_files import read_trajectory
+from gravity_comp_ros.planning.workspace import PlanOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np

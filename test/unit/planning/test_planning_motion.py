@@ -3,11 +3,11 @@
 from bench.shared.planning_arm import model, NAMES, one_way, uncertain_model
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import BagError, DataError, OptionError
-from gravity_comp_ros.planning import plan, PlanOptions
+from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.planning.selection import strokes
 from gravity_comp_ros.planning.trajectory_files import (
     from_yaml, read_trajectory, to_yaml, write_trajectory)
-from gravity_comp_ros.planning.workspace import Line, sampled, workspace
+from gravity_comp_ros.planning.workspace import Line, PlanOptions, sampled, workspace
 from hypothesis import assume, given, settings, strategies
 import numpy as np
 import pytest
