@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--dry-run', action='store_true', help='show the result, write nothing')
     arguments.add_gate(parser, 'fitted samples (default: those of the gate of `fit`)')
     arguments.add_reading(parser, joints=False)
-    parser.set_defaults(output=None, rewrites_model=True)
+    parser.set_defaults(output=None, in_place='model')
     arguments.add_json(parser)
 
 

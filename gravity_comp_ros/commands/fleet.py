@@ -54,7 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list,
                         help='`diagnose` tests these effects only (default: all)')
     arguments.add_gate(parser, 'slow-motion gate of `fit`')
-    parser.set_defaults(output_is_folder=True)
+    # ROBOT.diagnosis.json is none of the models.
+    parser.set_defaults(output_is_folder=True, in_place='models')
     arguments.add_reading(parser)
     arguments.add_json(parser)
 

@@ -17,8 +17,8 @@ def check_outputs(args: argparse.Namespace) -> None:
     """
     Refuse outputs that cannot be written, or are an input or in a folder that the verb uses.
 
-    Verbs that change a model in place set `rewrites_model`; verbs that create an output folder
-    set `output_is_folder`.
+    Verbs that may write where they read set `in_place` to the name of that argument; verbs that
+    create an output folder set `output_is_folder`.
 
     :raises OptionError: if an output is refused.
     """
@@ -26,10 +26,10 @@ def check_outputs(args: argparse.Namespace) -> None:
                     if isinstance(path, Path)] for name, value in vars(args).items()}
     outputs = [path for name in _OUTPUTS for path in paths.pop(name, ())]
     inputs = [path for values in paths.values() for path in values]
-    rewrites = getattr(args, 'rewrites_model', False)
+    place = getattr(args, getattr(args, 'in_place', ''), None)
     for output in outputs:
         if any(_same(output, path) for path in inputs
-               if not (rewrites and path is args.model and output is args.output)):
+               if not (path is place and output is args.output)):
             raise OptionError(f'{output} is an input and would be overwritten; name another file')
     for first, second in combinations(outputs, 2):
         if _same(first, second):
@@ -40,7 +40,7 @@ def check_outputs(args: argparse.Namespace) -> None:
         if folder is not None and folder.is_dir() and path.resolve().parent == folder.resolve():
             raise OptionError(f'{path} is inside the folder {folder} that this verb uses; name a '
                               f'file elsewhere')
-    for path in [*files, args.model] if rewrites and not (args.dry_run or args.output) else files:
+    for path in files if place is None or args.output or args.dry_run else [*files, place]:
         _check_writable(path)
 
 

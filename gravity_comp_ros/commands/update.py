@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='link of --urdf in whose frame the centre of mass is given, such as '
                         'tool0 (default: the link of the last joint)')
     arguments.add_reading(parser, joints=False)
-    parser.set_defaults(rewrites_model=True)
+    parser.set_defaults(in_place='model')
     arguments.add_gate(parser)
     arguments.add_json(parser)
 

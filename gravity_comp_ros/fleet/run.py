@@ -181,6 +181,10 @@ def find_robots(folder: Path) -> dict[str, tuple[Path, ...]]:
             raise BagError(f'two robots are named {name}: {folder} has bags of its own and a '
                            f'subfolder of the same name')
         robots |= {name: bags} if bags else {}
+    for name in robots:
+        if f'{name}.diagnosis' in robots:
+            raise BagError(f'the model of robot {name}.diagnosis would have the name of the '
+                           f'diagnosis of {name}: rename its folder')
     if not robots:
         raise BagError(f'{folder} contains no recording: put the bags of each robot into a '
                        f'subfolder with its name')

@@ -62,6 +62,9 @@ def test_layout_of_the_fleet_folder(fleet, tmp_path):
         find_robots(tmp_path / 'empty')
     with pytest.raises(BagError, match='cannot read the fleet'):
         find_robots(tmp_path / 'nowhere')
+    (fleet / 'bert').rename(fleet / 'anna.diagnosis')
+    with pytest.raises(BagError, match='rename its folder'):
+        find_robots(fleet)
 
 
 class ExpiresAt10(threading.Event):
@@ -227,3 +230,8 @@ def test_the_command_fits_and_diagnoses(fleet, tmp_path, capsys):
     assert cli.main(['fleet', 'diagnose', str(fleet / 'anna'), '-o', str(tmp_path / 'found'),
                      '--models', str(models), '--workers', '1', '--json']) == 0
     assert json.loads(capsys.readouterr().out)['resumed'] == 1
+    before = (models / 'anna.json').read_bytes()
+    assert cli.main(['fleet', 'diagnose', str(fleet / 'anna'), '-o', str(models),
+                     '--models', str(models), '--workers', '1']) == 0
+    assert (models / 'anna.json').read_bytes() == before
+    assert (models / 'anna.diagnosis.json').exists()
