@@ -222,18 +222,22 @@ class _Problem:
         """
         Return gains (N,), centre (3,) and moments (2N,).
 
-        effort_j k_j = torque_j is linear in k and the moments. Noise of the effort makes k too
+        effort_j k_j = torque_j is linear in k, the moments, and a small step of the centre: from a
+        wrong centre the gains may end far from the best ones. Noise of the effort makes k too
         small, so that the gain is then fitted to the torque.
         """
-        load = self._fixed(self.centre)
-        columns = np.concatenate([self.effort[:, :, None] * np.eye(self.n), -self.gravity],
-                                 axis=2).reshape(load.size, -1)
+        load, step, n = self._fixed(self.centre), self.centre_std, self.n
+        steps = [self._fixed(self.centre + step * axis) - load for axis in np.eye(3)]
+        columns = np.concatenate([self.effort[:, :, None] * np.eye(n), -np.stack(steps, axis=2),
+                                  -self.gravity], axis=2).reshape(load.size, -1)
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
         solution = np.linalg.lstsq(columns / size, load.ravel(), rcond=1e-6)[0] / size
-        moments = np.asarray(solution[self.n:])
-        torque = self.gravity @ moments + load
+        # A coordinate that the motion does not determine has any solution.
+        centre = self.centre + step * np.clip(solution[n:n + 3], -3.0, 3.0)
+        moments = np.asarray(solution[n + 3:])
+        torque = self.gravity @ moments + self._fixed(centre)
         gains = (torque * self.effort).sum(axis=0) / np.maximum((torque ** 2).sum(axis=0), 1e-12)
-        return np.concatenate([gains, self.centre, moments])
+        return np.concatenate([gains, centre, moments])
 
 
 def _result(problem: _Problem, joints: tuple[str, ...], parameters: FloatArray,

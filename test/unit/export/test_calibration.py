@@ -5,10 +5,11 @@ import json
 from pathlib import Path
 
 from bench.shared.command_line import refused
-from bench.shared.rough_links import two_links
+from bench.shared.rough_links import two_link_urdf, two_links
 from gravity_comp_ros.calibration.known_weight import calibrate, CalibrationOptions, Weight
 from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
@@ -78,6 +79,22 @@ def test_one_joint_by_hand():
     # Hanging along -z at angle 0: the weight is at z = -0.5.
     result = calibrate(*parts, arm, Weight('l', 2.0, (0.0, 0.0, -0.5)))
     assert result.scales['j'].value == pytest.approx(0.3, rel=1e-5)
+
+
+@pytest.mark.parametrize('reach', [0.6, 1.4])
+def test_more_motion_gives_no_larger_intervals_of_an_unknown_centre(reach):
+    """A fit from the prior mean of the centre, on the axis of the elbow, ended at other gains."""
+    arm = described_arm(two_link_urdf(masses=(1.53, 1.02)), ('shoulder', 'elbow'))
+    loaded = two_links(3, reach=reach)
+    lever = 0.4 * STANDARD_GRAVITY
+    both = lever * np.sin(loaded.q.sum(axis=1))
+    loaded = replace(loaded, tau=loaded.tau + np.column_stack(
+        [both + lever * np.sin(loaded.q[:, 0]), both]))
+    result = calibrate(two_links(1, reach=reach), loaded, arm, Weight('l2', 1.0))
+    for joint in ('shoulder', 'elbow'):
+        scale = result.scales[joint]
+        assert scale.ci95[0] < 1.0 < scale.ci95[1] and scale.half < 0.03
+    assert result.centre['z'].value == pytest.approx(-0.4, abs=0.01)
 
 
 def test_what_cannot_be_calibrated_is_refused(bags, arm):
