@@ -139,6 +139,10 @@ def _check_usage(args: argparse.Namespace) -> None:
         args.parser.error('--flange is a link of a description: name it with --urdf')
     if args.to in ('urdf', 'mjcf') and getattr(args, args.to) is None:
         args.parser.error(f'--to {args.to} needs the description to correct: --{args.to} FILE')
+    if args.to in ('urdf', 'mjcf') and args.output.suffix not in (
+            '', getattr(args, args.to).suffix):
+        args.parser.error(f'-o {args.output} does not end as the description does: '
+                          f'{getattr(args, args.to)}')
 
 
 def _c(args: argparse.Namespace, model: GravityModel) -> Result:

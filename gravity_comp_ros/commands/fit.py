@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import argparse
 from math import degrees
-from pathlib import Path
 import time
 from typing import TYPE_CHECKING
 
@@ -46,7 +45,8 @@ _SHOWN = 8
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `fit`."""
-    parser.add_argument('-o', '--output', metavar='MODEL.json', type=Path,
+    parser.add_argument('-o', '--output', metavar='MODEL.json',
+                        type=arguments.file_type('.json'),
                         help='model file to write (without it, the fit is only shown)')
     parser.add_argument('--formulation', choices=CHOICES,
                         help='potential: one potential energy for all joints; chain: potential '

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `update`."""
     arguments.add_bags(parser, nargs='*')
     arguments.add_model(parser, 'model of the arm before the payload change')
-    parser.add_argument('-o', '--output', metavar='NEW.json', type=Path,
+    parser.add_argument('-o', '--output', metavar='NEW.json', type=arguments.file_type('.json'),
                         help='model file to write (default: replaces the old model, which '
                         '--undo restores)')
     parser.add_argument('--undo', action='store_true',

@@ -164,6 +164,10 @@ REFUSALS = [
     (2, 'calibrate good.mcap rough.mcap --mass 2 --urdf arm.urdf --com 0 0',
      'expected 3 arguments'),
     (1, 'calibrate good.mcap rough.mcap --mass 2', 'name a file with --urdf'),
+    # Another recording as the output would be overwritten.
+    (2, 'fit good.mcap -o rough.mcap', 'rough.mcap does not end in .json'),
+    (2, 'update good.mcap --model arm.json -o rough.mcap', 'rough.mcap does not end in .json'),
+    (2, 'export arm.json --to urdf --urdf arm.urdf -o rough.mcap', 'rough.mcap does not end as'),
     (1, 'calibrate good.mcap', 'name LOADED and --mass'),
     (1, 'calibrate good.mcap rough.mcap --mass 2 --model arm.json', 'name LOADED and --mass'),
     (1, 'calibrate good.mcap --goals /goals', '--goals needs one recording and --model'),
