@@ -181,6 +181,7 @@ class Arm:
         self.watch.use(model, before, learned)
         self.in_use = ModelInUse(model)
         self.feed.use(self.in_use.source)
+        self.reader.trained = model.coverage
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
@@ -219,7 +220,7 @@ class Arm:
 
     def _compare(self, in_use: ModelInUse, sample: SlowSample) -> None:
         """Record the residual of a slow sample for diagnostics and for the watch."""
-        reading = in_use.nearest(sample.reading)
+        reading = sample.reading
         gravity = in_use.model.predict_one(reading.q)
         error, residual = in_use.residual(reading, gravity, sample.qdd)
         self._residuals.append(np.array((error, residual)))

@@ -20,11 +20,10 @@ import math
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import Coverage
-from gravity_comp_ros.node.options import NODE
+from gravity_comp_ros.node.options import NODE, REVOLUTION
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
-REVOLUTION = 2.0 * math.pi
 # States, as they appear in diagnostics.
 NO_MODEL = 'no model'
 DISABLED = 'disabled'

@@ -35,7 +35,6 @@ from gravity_comp_ros.node.acceptance import (
 from gravity_comp_ros.node.checks import (
     Check, DIAGNOSIS, FIT, FitResult, Job, PAYLOAD, PayloadResult, Result)
 from gravity_comp_ros.node.epoch import FULL_FIT_SAMPLES, REST_SPEED
-from gravity_comp_ros.node.feedforward import REVOLUTION
 from gravity_comp_ros.node.hypotheses import moving_rms, Window
 from gravity_comp_ros.node.options import CHECKS
 from gravity_comp_ros.planning.plan import plan
@@ -51,29 +50,9 @@ def fitting() -> Work:
         FIT: run_fit, DIAGNOSIS: run_diagnosis, PAYLOAD: run_payload_test}
 
     def run_job(job: Job, _: ProgressCallback) -> Result:
-        return runs[job.kind](in_trained_revolution(job))
+        return runs[job.kind](job)
 
     return run_job
-
-
-def in_trained_revolution(job: Job) -> Job:
-    """
-    Return a job with the revolutions of joints as its model counts them.
-
-    A driver may count them in another way after a start. A change of the model would then widen
-    the trained range by a revolution, and a spring be evaluated at another angle. A joint is
-    shifted only from outside of the trained range to poses that overlap it.
-    """
-    model = job.base or job.model
-    if model is None:
-        return job
-    samples, low, high = job.rows.samples, model.coverage.q_min, model.coverage.q_max
-    first, last = samples.q.min(axis=0), samples.q.max(axis=0)
-    turns = REVOLUTION * np.round((first + last - low - high) / (2.0 * REVOLUTION))
-    is_outside = (first > high) | (last < low)
-    overlaps = (first - turns <= high) & (last - turns >= low)
-    return replace(job, rows=replace(job.rows, samples=replace(
-        samples, q=samples.q - np.where(is_outside & overlaps, turns, 0.0))))
 
 
 def run_diagnosis(job: Job) -> str:

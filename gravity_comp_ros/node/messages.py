@@ -9,7 +9,8 @@ from typing import Any, get_args, Literal
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.facts.options import FactOptions
-from gravity_comp_ros.node.options import NODE
+from gravity_comp_ros.models.gravity_model import Coverage
+from gravity_comp_ros.node.options import NODE, REVOLUTION
 import numpy as np
 
 # The message or the faulty field is dropped; the slope of position replaces a wrong velocity.
@@ -30,7 +31,8 @@ class Reading:
     The content of a message about the joints of the arm, in the configured order.
 
     `t` in s, `q` (N,) in rad; `qd` (N,) in rad/s and `tau` (N,) in N·m are None where the
-    message does not contain them. `new_run` is true if the clock started again before it.
+    message does not contain them. `new_run` is true if the clock or the count of revolutions
+    started again before it.
     """
 
     t: float
@@ -75,6 +77,10 @@ class JointStateReader:
         self._names: list[str] | None = None
         self._order = np.zeros(0, dtype=np.intp)
         self._last, self._had_no_stamp = -np.inf, False
+        # The trained range of the model in use, the revolutions (N,) in rad by which the driver
+        # counts otherwise, and the last pose.
+        self.trained: Coverage | None = None
+        self._turned, self._q = np.zeros(len(joints)), np.full(len(joints), np.nan)
         # Stamps of consecutive messages that were rejected as earlier.
         self._rejected: list[float] = []
         # Time, position and velocity of the messages within the slope window.
@@ -127,14 +133,33 @@ class JointStateReader:
             new_run = True
             self.counts['clock_jump'] += 1
         self._rejected.clear()
+        q, before = self._in_trained_revolution(q), self._q
+        new_run |= bool((np.abs(q - before) > 0.5 * REVOLUTION).any())
         if new_run:
             self._past.clear()
-        self._last = t
+        self._last, self._q = t, q
         qd = self._velocity(message.velocity, t, q)
         tau = self._effort(message.effort)
         if qd is None or tau is None:
             return Reading(t, q, qd, tau, new_run)
         return CompleteReading(t, q, qd, tau, new_run)
+
+    def _in_trained_revolution(self, q: FloatArray) -> FloatArray:
+        """
+        Return a pose with the revolutions of joints as the model in use counts them.
+
+        A driver may count them in another way after a start. Gravity is the same; a spring is not,
+        and a change of the model would widen the trained range by a revolution.
+        """
+        q, trained = q - self._turned, self.trained
+        if trained is None or not (distance := trained.distance(q)).any():
+            return q
+        low, high = trained.q_min, trained.q_max
+        other = q - REVOLUTION * np.round((q - 0.5 * (low + high)) / REVOLUTION)
+        further, margin = trained.distance(other), NODE.turn_margin
+        is_other = (further <= margin) & (distance > further + margin) & (high - low < REVOLUTION)
+        self._turned = self._turned + np.where(is_other, q - other, 0.0)
+        return np.where(is_other, other, q)
 
     def _is_recent(self, age: float) -> bool:
         self.age = age

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 import math
-from typing import TypeVar
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.predict import LiveEffects, static_effects
@@ -19,7 +17,6 @@ import numpy as np
 # Largest extrapolation of a per_joint model, rad. Such torques share no energy; a radian outside
 # the trained range their errors are hundreds of N·m.
 PER_JOINT_REACH = ExternalTorqueOptions().margin
-ReadingT = TypeVar('ReadingT', bound=Reading)
 
 
 def std_of(model: GravityModel, q: FloatArray) -> FloatArray:
@@ -61,18 +58,8 @@ class ModelInUse:
             torque if static.targets else model.predict_one, model.coverage,
             PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf)
 
-    def nearest(self, reading: ReadingT) -> ReadingT:
-        """
-        Return a reading without whole revolutions where that is a pose of the trained range.
-
-        A driver may count them in another way after a start. Gravity is the same; a spring is not.
-        """
-        q = self.source.nearest(reading.q)
-        return replace(reading, q=np.where(self.model.coverage.distance(q) > 0.0, reading.q, q))
-
     def predicted(self, reading: Reading) -> FloatArray:
         """Return gravity (N,) in N·m plus all effects that depend on pose and speed alone."""
-        reading = self.nearest(reading)
         gravity = self.model.predict_one(reading.q)
         if reading.qd is None:
             return gravity
@@ -86,7 +73,6 @@ class ModelInUse:
         A fit estimates friction, offset, inertia and other effects jointly with gravity, and the
         model does not predict them (`GravityModel.fitted`): the noise is that without them.
 
-        :param reading: the `nearest` one.
         :param gravity: the model's torque at the pose (N,), N·m.
         :param qdd: acceleration (N,) in rad/s^2; without one inertia is neglected.
         """
@@ -98,7 +84,8 @@ class ModelInUse:
         """Return the external torque (N,) after a reading, None without a window of messages."""
         if self._external is None:
             self._external = ExternalTorqueObserver(self.model)
-        reading = self.nearest(reading)
+        if reading.new_run:
+            self._external.restart()
         return self._external.add(reading.t, reading.q, reading.qd, reading.tau)
 
     def distance(self, q: FloatArray) -> FloatArray:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.option_checks import check_positive
+
+REVOLUTION = 2.0 * math.pi
 
 
 @dataclass(frozen=True)

@@ -125,6 +125,23 @@ def test_a_velocity_that_positions_contradict_is_replaced():
     assert not right.counts['velocity_wrong']
 
 
+@pytest.mark.parametrize('has_velocity', [True, False])
+def test_an_angle_that_the_driver_wraps_is_no_jump_of_the_joint(live, has_velocity):
+    """Neither its velocity nor its acceleration is that of a whole revolution."""
+    node, speed = live(joints=('a',), auto_fit=False), 0.12
+    for k in range(200):
+        q = (3.0 + speed * 0.01 * k + np.pi) % (2.0 * np.pi) - np.pi
+        message = state(1.0 + 0.01 * k, ('a',), (q,), (speed,) * has_velocity, (1.0,))
+        reading, _ = send_message(node, message, 0.01 * k)
+        assert reading.qd is None or reading.qd == pytest.approx(speed)
+    assert set(node.arm.reader.counts) <= {'no_velocity'}
+    samples = node.arm.epoch.samples()
+    assert len(samples) > 6
+    for sample in samples:
+        assert np.abs(sample.reading.q) > 2.9
+        assert sample.qdd is None or np.abs(sample.qdd) < 1e-6
+
+
 def test_a_stamp_of_zero_is_the_time_of_arrival():
     ours = JointStateReader(['a'])
     for k in range(10):
