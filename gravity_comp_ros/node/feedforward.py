@@ -3,8 +3,9 @@ Feed-forward torque: bumpless, limited, and with a watchdog for input that stops
 
 One rule makes every transition bumpless. The target is the torque that is due now: that of the
 model at the present pose, a held torque, or zero. When the target is redefined (another model,
-another revolution of a joint, torque enabled or disabled, input lost or returned), the offset of
-the torque published last from the new target begins to fall linearly to zero,
+limit or margin, another revolution of a joint, torque enabled or disabled, input lost or
+returned), the offset of the torque published last from the new target begins to fall linearly to
+zero,
 
     published = target + offset,    between the torque published last and the target,
 
@@ -149,7 +150,8 @@ class FeedForward:
         if self._due(now) == DISABLED:
             return None if self._is_at_rest() else self._published(self._zero, (DISABLED,), dt)
         turns = np.round((q - pose) / REVOLUTION).tolist()
-        return self._published(self._clipped(torque), (ACTIVE, source, *turns), dt)
+        return self._published(self._clipped(torque), (
+            ACTIVE, source, self.margin, self.options.max_torque, *turns), dt)
 
     def watch(self, now: float) -> FloatArray | None:
         """Return the torque to publish without input, None if none is due."""

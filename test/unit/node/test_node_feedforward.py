@@ -176,6 +176,18 @@ def test_a_lowered_limit_applies_at_once():
     assert float(feed.update(t + 0.001, Q)[0]) == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize('before, after', [
+    ({'max_torque': (2.0,)}, {'max_torque': (20.0,)}), ({'max_torque': (2.0,)}, {}),
+    ({'extrapolation_margin': 0.5}, {'extrapolation_margin': 1.0})])
+def test_a_parameter_that_changes_the_torque_causes_a_ramp(before, after):
+    feed, q = FeedForward(1, replace(FREE, ramp_time=0.0, **before)), np.array([2.0])
+    feed.use(linear())
+    torques = [played(feed, 0.0, 2, q)[1]]
+    feed.set_options(replace(FREE, **{**before, **after} if after else {}))
+    torques += played(feed, 0.2, 60, q)
+    assert torques[-1] >= torques[0] + 4.9 and np.diff(torques).max() <= 0.1 * 20.0
+
+
 @pytest.mark.parametrize('reach, expected', [
     (math.inf, [10, 15, 15, 15]), (0.1, [10, 11, 11, 11])])
 def test_beyond_a_margin_outside_the_trained_range_torque_is_that_of_the_nearest_pose(
