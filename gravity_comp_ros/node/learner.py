@@ -246,9 +246,8 @@ class Learner:
             return False, 'there is no model of an earlier payload to roll back to'
         self.arm.use(entry.model, None, 0)
         self._save()
-        epoch.is_open = epoch.is_open and bool(fault)
+        epoch.is_open, epoch.base = epoch.is_open and bool(fault), entry.model
         if fault:
-            epoch.base = entry.model
             epoch.restart(after_fault=True)
             self.last_fit = f'rolled back automatically to the {entry.describe()}: {fault}'
             self.level, self.report = ERROR, f'broken effort: {self.last_fit}'

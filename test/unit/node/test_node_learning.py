@@ -72,11 +72,14 @@ def test_rollback_returns_to_the_previous_payload(live, model_file):
     first = node.models.model
     # A refit before any change of the payload is a model of epoch 0.
     for epoch in (0, 1, 1, 1, 2, 2):
-        node.models.use(first, f'fit in epoch {epoch}', 0.0, epoch)
+        node.models.use(replace(first), f'fit in epoch {epoch}', 0.0, epoch)
     assert len(node.models.past) == 3
+    node.learner.payload_changed(0.5)
     assert 'epoch 1' in node.learner.roll_back(1.0)[1]
     assert 'epoch 0' in node.learner.roll_back(1.0)[1]
     assert 'loaded from' in node.learner.roll_back(2.0)[1]
+    # A fit on request changes that model, not one that was rolled back.
+    assert node.arm.epoch.base is node.models.model is first
     assert not node.learner.roll_back(3.0)[0]
 
 
