@@ -8,6 +8,7 @@ from os.path import expanduser
 from threading import Thread
 
 from gravity_comp_ros.errors import ModelFileError
+from gravity_comp_ros.evaluation.expected_residual import expected_residual
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node.options import NODE
@@ -87,9 +88,12 @@ class ModelHistory:
             return
         try:
             model = load_model(self.path)
-        except ModelFileError as problem:
+            # An error of an effect that another version fitted occurs before the loop.
+            expected_residual(model)
+        except Exception as problem:
             if not isinstance(problem.__cause__, FileNotFoundError):
-                self.load_problem = str(problem)
+                self.load_problem = str(problem) if isinstance(problem, ModelFileError) else (
+                    f'{self.path} is not used: {type(problem).__name__}: {problem}')
             return
         if joints and model.joints != joints:
             self.load_problem = (

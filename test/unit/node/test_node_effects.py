@@ -9,7 +9,7 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.node.checks import DIAGNOSIS
-from gravity_comp_ros.node.diagnostics import OK, WARN
+from gravity_comp_ros.node.diagnostics import ERROR, OK, WARN
 from gravity_comp_ros.node.model_in_use import ModelInUse
 import numpy as np
 import pytest
@@ -141,6 +141,19 @@ def applied(name, joint, setting=None, **values):
 
 
 SPRING = applied('joint_spring', 'b', {'centre': 0.1, 'overtones': 0.0}, k=2.0, m=0.0)
+
+
+@pytest.mark.parametrize('setting, symbol', [({'width': 0.005}, 'F_old'), ({}, 'F_c')])
+def test_a_model_with_an_effect_of_another_version_is_reported(model_file, nodes, tmp_path,
+                                                               setting, symbol):
+    """The node was not configured, without a status."""
+    friction = applied('coulomb_friction', 'a', setting, **{symbol: FRICTION})
+    save_model(path := tmp_path / 'model.json',
+               replace(load_model(model_file), fitted=Applied((friction,))))
+    node = nodes.make(model_file=str(path))
+    status = {s.name: s for s in node.statuses(1.0)}['model']
+    assert node.models.model is None and status.level == ERROR and path.name in status.message
+    nodes.close()
 
 
 @pytest.mark.parametrize('is_fitted', [False, True])
