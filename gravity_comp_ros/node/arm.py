@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
@@ -10,7 +11,7 @@ from xml.etree.ElementTree import Element
 from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import described_arm
-from gravity_comp_ros.description.robot_tree import parse_tree
+from gravity_comp_ros.description.robot_tree import parse_tree, TreeJoint
 from gravity_comp_ros.errors import GravityCompError, ModelMismatchError
 from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -33,19 +34,22 @@ class ArmDescription:
     The description of the joints of an arm.
 
     `geometry` is None where the joints do not form a serial chain in their order; `problem` then
-    gives the reason. `max_effort` has one value per joint in N·m, or is empty.
+    gives the reason. `max_effort` has one value per joint in N·m, or is empty. `is_other` is true
+    if it names none of the joints.
     """
 
     geometry: Geometry | None = None
     continuous: tuple[str, ...] = ()
     max_effort: tuple[float, ...] = ()
     problem: str = ''
+    is_other: bool = False
 
 
 def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
     """Return the description of these joints in a URDF; errors go to `problem`."""
     continuous: tuple[str, ...] = ()
     limits: tuple[float, ...] = ()
+    known: Mapping[str, TreeJoint] = {}
     try:
         known = parse_tree(text, SOURCE).joints
         continuous = tuple(name for name in joints
@@ -60,7 +64,8 @@ def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
                 f'the order of the joints in {SOURCE} is {", ".join(geometry.joints)}: set the '
                 'parameter joints to this order to use the axes')
     except GravityCompError as problem:
-        return ArmDescription(None, continuous, limits, str(problem))
+        return ArmDescription(None, continuous, limits, str(problem),
+                              known.keys().isdisjoint(joints))
     return ArmDescription(geometry, continuous, limits)
 
 

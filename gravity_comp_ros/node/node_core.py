@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -41,7 +42,8 @@ class NodeCore:
         self.models = ModelHistory(settings.model_file)
         self.fits = Worker(command('gravity_comp_ros.node.jobs:fitting', NODE.niceness))
         self.learner: Learner | None = None
-        self._description = ''
+        # The last robot descriptions, and that of the arm.
+        self._offered, self._description = deque[str](maxlen=NODE.depth), ''
         # Whether the joint names are those of the first message, which may be of a gripper.
         self._guessed = False
         # Messages that name no arm, and the reason.
@@ -85,23 +87,31 @@ class NodeCore:
 
     def describe(self, text: str) -> None:
         """
-        Use a robot description until the node is configured again.
+        Use a robot description of the arm until the node is configured again.
 
         A later one must not change the torque limits of an arm that is being supported.
         """
+        if text in self._offered:
+            return
+        self._offered.append(text)
         if not self._description:
-            self._description = text
             self._use_description()
-        elif text != self._description:
+        else:
             self.events.log.append((
                 True, 'another robot description was received and is not used; configure the node '
                 'again to use it'))
 
     def _use_description(self) -> None:
-        arm = self.arm
-        if arm is None or not self._description:
+        """Use the first description of the arm; another device may have one on the topic, too."""
+        arm, self._description = self.arm, ''
+        if arm is None or not self._offered:
             return
-        arm.describe(describe_arm(self._description, arm.joints))
+        for text in self._offered:
+            described = describe_arm(text, arm.joints)
+            if not described.is_other:
+                self._description = text
+                break
+        arm.describe(described)
         described = arm.described
         axes = f'not used: {described.problem}' if described.geometry is None else 'used'
         limits = ', '.join(f'{limit:g}' for limit in described.max_effort) or 'none'

@@ -216,6 +216,19 @@ def test_the_limits_are_those_of_the_first_description(live, model_file):
     assert node.events.log[-1][0] and 'not used' in node.events.log[-1][1]
 
 
+def test_a_description_of_another_device_is_not_that_of_the_arm(live, model_file):
+    """A gripper or a broken publisher comes first: the arm stayed without torque."""
+    settings = {'unlimited_torque': False, 'ramp_time': 0.0}
+    before, after = live(model_file=str(model_file), **settings), live(**settings)
+    for node in (before, after):
+        for text in ('', '<robot', '<robot name="x"><link name="finger"/></robot>', URDF, URDF):
+            node.describe(text)
+    send_message(after, slow_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0)
+    for node in (before, after):
+        assert node.arm.limit_source == 'robot_description'
+        assert node.arm.described.geometry is not None and 'axes used' in node.events.log[-1][1]
+
+
 URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two"/>
 <joint name="a" type="continuous"><parent link="base"/><child link="one"/>
 <axis xyz="0 1 0"/><limit effort="1.5" velocity="1"/></joint>
