@@ -81,17 +81,17 @@ class Arm:
     """
     The state that exists once the joint names are known.
 
+    :param is_allowed: whether torque is allowed.
     :param model: the model of the present payload, from a file; None to learn one.
-    :param is_allowed: whether torque is allowed; None for the parameter `enabled`.
     """
 
-    def __init__(self, joints: tuple[str, ...], settings: Parameters,
-                 model: GravityModel | None = None, is_allowed: bool | None = None) -> None:
+    def __init__(self, joints: tuple[str, ...], settings: Parameters, is_allowed: bool,
+                 model: GravityModel | None = None) -> None:
         self.joints = joints
         self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints,
                                        settings.max_age)
         self.described = ArmDescription()
-        self.is_allowed = settings.enabled if is_allowed is None else is_allowed
+        self.is_allowed = is_allowed
         self.gate_counts: Counter[str] = Counter()
         # The torque published last, and that before the newest messages; NaN for none.
         self._sent = self._sent_before = np.full(len(joints), np.nan)

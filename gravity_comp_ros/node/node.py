@@ -41,6 +41,7 @@ NO_CLOCK = ('use_sim_time is set and /clock is not received: nothing is learned 
             'start the simulation, or set use_sim_time to false')
 INACTIVE = 'the node is not active: activate it first'
 NO_JOINTS = 'no joint states yet: check the topic and the driver'
+FORBIDDEN = 'no torque will be published until ~/enable is called with true'
 # Starts the action of a request; the reply is given once, now or later.
 Action = Callable[[Learner, Any, Reply], None]
 
@@ -66,8 +67,10 @@ class GravityCompNode(LifecycleNode):
         # Last logged level of each status.
         self._levels: dict[str, int] = {}
         self._active = False
-        # Torque by joint, N·m, that a controller keeps from before a cleanup.
+        # Torque by joint, N·m, that a controller keeps from before a cleanup, and whether torque
+        # was allowed.
         self._sent: Mapping[str, float] = {}
+        self._is_allowed: bool | None = None
         self._clock_is_simulated = False
         self._input = InputGroup()
         self._create_services()
@@ -107,7 +110,10 @@ class GravityCompNode(LifecycleNode):
                 future.set_result((success, text))
 
         if core is None or core.learner is None:
-            reply(False, INACTIVE if core is None else NO_JOINTS)
+            # Torque can be forbidden in every state.
+            if forbids := isinstance(request, SetBool.Request) and not request.data:
+                self._forbid()
+            reply(forbids, FORBIDDEN if forbids else INACTIVE if core is None else NO_JOINTS)
         else:
             action(core.learner, request, reply)
         response.success, response.message = await future
@@ -117,6 +123,11 @@ class GravityCompNode(LifecycleNode):
         else:
             self.get_logger().warning(response.message, throttle_duration_sec=0.1)
         return response
+
+    def _forbid(self) -> None:
+        self._is_allowed = False
+        if self._core is not None:
+            self._core.forbid()
 
     def now(self) -> float:
         """Return the time for ramps and watchdog in s: simulated if in use, else monotonic."""
@@ -142,7 +153,8 @@ class GravityCompNode(LifecycleNode):
     def _configure(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
-        self._core = NodeCore(self.settings.values, topic, self.now(), self._sent)
+        self._core = NodeCore(self.settings.values, topic, self.now(), self._sent,
+                              self._is_allowed)
         self._core.fits.prepare()
         if self._core.models.load_problem:
             self.get_logger().error(self._core.models.load_problem)
@@ -183,7 +195,7 @@ class GravityCompNode(LifecycleNode):
         """End the fit process, and destroy topics."""
         self._active = False
         if self._core is not None:
-            self._sent = self._core.sent
+            self._sent, self._is_allowed = self._core.sent, self._core.is_allowed
             self._core.close()
         for subscription in (self.subscription, self._description):
             if subscription is not None:

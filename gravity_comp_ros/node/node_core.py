@@ -29,12 +29,15 @@ class NodeCore:
     Reads joint states, learns, and computes the torque to publish.
 
     :param sent: torque in N·m by joint that controllers have kept, of the core before this one.
+    :param is_allowed: whether torque is allowed; None for the parameter `enabled`.
     :raises OptionError: if the settings contradict each other.
     """
 
     def __init__(self, settings: Parameters, topic: str, now: float,
-                 sent: Mapping[str, float] = MappingProxyType({})) -> None:
+                 sent: Mapping[str, float] = MappingProxyType({}),
+                 is_allowed: bool | None = None) -> None:
         self.settings, self._sent = settings, sent
+        self._is_allowed = settings.enabled if is_allowed is None else is_allowed
         # Messages that a newer one replaced before they were answered, since the last report.
         self._replaced = 0
         self._topic = topic
@@ -60,6 +63,17 @@ class NodeCore:
             self.arm.joints, self.arm.feed.last.tolist()))
 
     @property
+    def is_allowed(self) -> bool:
+        """Whether torque is allowed."""
+        return self._is_allowed if self.arm is None else self.arm.is_allowed
+
+    def forbid(self) -> None:
+        """Forbid torque, also of an arm that is not known yet."""
+        self._is_allowed = False
+        if self.arm is not None:
+            self.arm.enable(False)
+
+    @property
     def arm(self) -> Arm | None:
         """The arm, None before its joints are known."""
         return None if self.learner is None else self.learner.arm
@@ -73,8 +87,7 @@ class NodeCore:
     def _begin(self, joints: tuple[str, ...]) -> None:
         self.settings.check(joints)
         # Torque that a call has disabled stays disabled where the arm replaces a gripper.
-        is_allowed = None if self.arm is None else self.arm.is_allowed
-        arm = Arm(joints, self.settings, self.models.model, is_allowed)
+        arm = Arm(joints, self.settings, self.is_allowed, self.models.model)
         entry = self.models.entry
         arm.feed.last = np.array([self._sent.get(name, 0.0) for name in joints])
         self.learner = Learner(arm, self.models, self.fits, self.events)

@@ -146,7 +146,11 @@ def test_life_cycle_and_enable(iiwa_model_file, bags):
         probe.until_node()
         probe.stream(part(later, 0, 10))
         assert 'not active' in probe.call('refit').message and not probe.torques
+        # Torque can be forbidden in every state.
+        assert probe.enable(False).success and not probe.enable(True).success
         assert change(probe, Transition.TRANSITION_ACTIVATE) and state() == 'active'
+        probe.report('feed-forward')
+        assert probe.values('feed-forward')['enabled'] == 'false' and probe.enable(True).success
         probe.stream(part(later, 10, 20))
         until_last(probe, part(later, 10, 20))
         whole = np.abs(probe.torques[-1].effort).max()

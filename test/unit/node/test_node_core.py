@@ -1,5 +1,7 @@
 """`NodeCore` without ROS, with explicit messages and time: its input, torque and description."""
 
+from dataclasses import replace
+
 from bench.shared.node_messages import (
     feed, motion, refit, send_message, slow_state, status, torque, until)
 from gravity_comp_ros.models.model_file import load_model
@@ -151,6 +153,21 @@ def test_of_messages_without_stamps_that_wait_the_newest_is_answered(live):
         poses = [[0.1 * k, arrival] for k in range(3)]
         read = node.read_all([slow_state(0.0, q, [0.0, 0.0]) for q in poses], arrival)
         assert [reading.q.tolist() for _, reading in read] == poses
+
+
+def test_torque_that_is_forbidden_stays_so_through_a_cleanup(model_file):
+    """Also before the first message."""
+    settings, is_allowed = Parameters(max_age=0.0, unlimited_torque=True), None
+    for path in ('', str(model_file)):
+        core = NodeCore(replace(settings, model_file=path), '/joint_states', 0.0, {}, is_allowed)
+        if is_allowed is None:
+            core.forbid()
+        for k in range(40):
+            state = slow_state(1.0 + 0.1 * k, [1.2, 0.9], [0.0, 0.0])
+            assert send_message(core, state, 0.1 * k)[1] is None
+        is_allowed = core.is_allowed
+        core.close()
+    assert not is_allowed
 
 
 def test_after_a_cleanup_torque_goes_on_from_that_published_last(model_file):
