@@ -12,7 +12,7 @@ from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.links import described_arm
 from gravity_comp_ros.description.robot_tree import parse_tree, TreeJoint
-from gravity_comp_ros.errors import GravityCompError, ModelMismatchError
+from gravity_comp_ros.errors import GravityCompError, ModelMismatchError, OptionError
 from gravity_comp_ros.evaluation.expected_residual import rms
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -141,11 +141,25 @@ class Arm:
     @property
     def limit_source(self) -> str:
         """The source of the torque limits; with `none` no torque is published."""
-        if self.settings.max_torque:
+        return self._source_with(self.settings)
+
+    def _source_with(self, settings: Parameters) -> str:
+        if settings.max_torque:
             return 'set'
         if self.described.max_effort:
             return SOURCE
-        return 'unlimited' if self.settings.unlimited_torque else 'none'
+        return 'unlimited' if settings.unlimited_torque else 'none'
+
+    def check(self, settings: Parameters) -> None:
+        """
+        Check other settings.
+
+        :raises OptionError: if they contradict the joints, or would end torque that is published.
+        """
+        settings.check(self.joints)
+        if self._source_with(settings) == 'none' and self.feed.is_publishing:
+            raise OptionError('without torque limits the published torque would fall to zero: '
+                              'call ~/enable with false first')
 
     def _limit(self) -> None:
         settings, source = self.settings, self.limit_source

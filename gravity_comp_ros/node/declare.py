@@ -38,7 +38,7 @@ class DeclaredParameters:
         try:
             values, core = replace(self.values, **_parsed(parameters)), self._core()
             if core is not None and core.arm is not None:
-                values.check(core.arm.joints)
+                core.arm.check(values)
         except OptionError as problem:
             return SetParametersResult(successful=False, reason=str(problem))
         return SetParametersResult(successful=True)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from bench.shared.node_messages import (
     feed, motion, refit, send_message, slow_state, status, torque, until)
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.node.arm import describe_arm
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
@@ -207,6 +208,17 @@ def test_a_refused_enable_starts_no_torque_when_limits_arrive(live, model_file):
     node.describe(URDF)
     assert not node.arm.feed.enabled
     assert node.arm.enable(True)[0] and node.arm.feed.enabled
+
+
+def test_parameters_without_limits_do_not_end_the_torque(live, model_file):
+    node = live(model_file=str(model_file), unlimited_torque=False, max_torque=(50.0,))
+    none = replace(node.settings, max_torque=())
+    node.arm.check(none)
+    for k in range(200):
+        send_message(node, slow_state(1.0 + 0.01 * k, [0.4, 0.1], [0.0, 0.0]), 0.01 * k)
+    with pytest.raises(OptionError, match='fall to zero: call ~/enable'):
+        node.arm.check(none)
+    node.arm.check(replace(none, unlimited_torque=True))
 
 
 def test_enabled_without_a_model_no_ramp_is_announced(live):
