@@ -25,6 +25,7 @@ import numpy as np
 import rclpy
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -44,6 +45,15 @@ NO_JOINTS = 'no joint states yet: check the topic and the driver'
 FORBIDDEN = 'no torque will be published until ~/enable is called with true'
 # Starts the action of a request; the reply is given once, now or later.
 Action = Callable[[Learner, Any, Reply], None]
+
+
+def _changed_if_possible(change: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+    """Reply to a request for a transition: without success if it does not exist."""
+    try:
+        return change(request, response)
+    except rclpy_implementation.RCLError:
+        response.success = False
+        return response
 
 
 class InputGroup(CallbackGroup):
@@ -74,6 +84,9 @@ class GravityCompNode(LifecycleNode):
         self._clock_is_simulated = False
         self._input = InputGroup()
         self._create_services()
+        # rclpy raises an error where a transition does not exist in the present state.
+        change = self._service_change_state.callback
+        self._service_change_state.callback = partial(_changed_if_possible, change)
         # Timers use steady time, so that the watchdog runs while a simulation pauses.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in ((NODE.watch_period, self._on_tick),
@@ -206,7 +219,7 @@ class GravityCompNode(LifecycleNode):
 
     def end_torque(self, problem: Exception) -> None:
         """
-        Bring the published torque to zero, as on stale input, and report an error in a callback.
+        Bring the published torque to zero, as on stale input, and report an error of the loop.
 
         The controller keeps the last torque that it received, so the process must not simply end.
         What has failed may fail again: first the torque falls, and no report can prevent it.
@@ -220,13 +233,17 @@ class GravityCompNode(LifecycleNode):
                 with suppress(Exception):
                     outputs.torque(self.get_clock().now().to_msg(), tau)
                 time.sleep(NODE.watch_period)
+        self.report(problem)
+
+    def report(self, problem: Exception) -> None:
+        """Log an error in a callback, and publish it on /diagnostics."""
         text = f'error in a callback, please report it: {type(problem).__name__}: {problem}'
         with suppress(Exception):
             self.get_logger().fatal(
                 f'{text}\n{"".join(traceback.format_exception(problem))}')
         with suppress(Exception):
-            if outputs is not None:
-                outputs.diagnostics([Status('node', ERROR, text)])
+            if self._outputs is not None:
+                self._outputs.diagnostics([Status('node', ERROR, text)])
 
     def on_joint_states(self, messages: Sequence[JointState]) -> None:
         """Publish the torque of the newest of all waiting messages, and learn from each."""

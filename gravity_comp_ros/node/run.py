@@ -42,7 +42,8 @@ def run(args: Sequence[str] | None = None) -> int:
     try:
         rclpy.init(args=list(args) if args is not None else None)
         node = GravityCompNode()
-        executor = InputFirstExecutor(lambda: node.subscription, node.on_joint_states)
+        executor = InputFirstExecutor(lambda: node.subscription, node.on_joint_states,
+                                      node.report)
         try:
             return _spin(node, executor)
         finally:
@@ -87,13 +88,16 @@ class InputFirstExecutor(SingleThreadedExecutor):
 
     :param subscription: returns the subscription of the input, None while there is none.
     :param handle: called with all waiting messages, in order of arrival.
+    :param failed: called with an error of another callback than the input and the timers, such as
+        that of rclpy about a request; the torque goes on.
     :param context: None for the global one.
     """
 
     def __init__(self, subscription: Callable[[], Subscription | None],
-                 handle: Callable[[list[Any]], None], context: Context | None = None) -> None:
+                 handle: Callable[[list[Any]], None], failed: Callable[[Exception], None],
+                 context: Context | None = None) -> None:
         super().__init__(context=context)
-        self._subscription, self._handle = subscription, handle
+        self._subscription, self._handle, self._failed = subscription, handle, failed
         # The subscriptions and services of the wait set, and the wait set.
         self._served: tuple[list[Any], list[Any]] = [], []
         self._wait_set: Any = None
@@ -177,7 +181,7 @@ class InputFirstExecutor(SingleThreadedExecutor):
             if handler in waiting:
                 return
             handler()
-            if handler.exception() is not None:
-                raise handler.exception()
+            if (problem := handler.exception()) is not None:
+                self._failed(problem)
             if not handler.done():
                 waiting.append(handler)

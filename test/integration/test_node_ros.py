@@ -25,6 +25,8 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 
@@ -191,6 +193,13 @@ def test_life_cycle_and_enable(iiwa_model_file, bags):
         # The controller has kept the torque from before the cleanup.
         first, last = matrix(probe.torques)[[count, count - 1]]
         assert np.abs(first - last).max() < 0.05 * whole
+        # Neither a transition of another state nor an error of rclpy ends the torque.
+        assert not change(probe, Transition.TRANSITION_CONFIGURE)
+        probe.call_async('set_parameters', SetParameters.Request(parameters=[
+            ParameterMessage(name='max_speed', value=ParameterValue(type=77))]))
+        probe.until(lambda: probe.status['node'].level == b'\x02', 60, 'the error reported')
+        probe.stream(part(later, 60, 70))
+        until_last(probe, part(later, 60, 70))
         assert change(probe, Transition.TRANSITION_ACTIVE_SHUTDOWN) and state() == 'finalized'
 
 

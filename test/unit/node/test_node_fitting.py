@@ -149,7 +149,8 @@ def executor():
     with private_domain() as domain:
         context = Context()
         rclpy.init(args=[], context=context, domain_id=domain)
-        one = InputFirstExecutor(lambda: None, lambda messages: None, context)
+        one = InputFirstExecutor(lambda: None, lambda messages: None, lambda problem: None,
+                                 context)
         yield one
         one.shutdown()
         context.shutdown()
@@ -194,13 +195,17 @@ def test_a_request_is_seen_and_answered_without_the_search_of_rclpy(executor):
     node.destroy_node()
 
 
-def test_an_error_in_a_callback_is_raised(executor):
+def test_an_error_in_a_callback_is_reported_and_ends_no_other(executor):
+    problems, answered = [], []
+
     def callback():
         raise RuntimeError('a bug')
 
+    executor._failed = problems.append
     executor.create_task(callback)
-    with pytest.raises(RuntimeError, match='a bug'):
-        executor._handle_others(time.monotonic() + LONG)
+    executor.create_task(answered.append, True)
+    executor._handle_others(time.monotonic() + LONG)
+    assert answered and [str(problem) for problem in problems] == ['a bug']
 
 
 def test_the_torque_falls_after_an_error_although_no_report_can_be_made(monkeypatch):
@@ -222,6 +227,7 @@ def test_the_torque_falls_after_an_error_although_no_report_can_be_made(monkeypa
         _core=SimpleNamespace(arm=arm), _active=True, now=lambda: 0.0, get_logger=fails,
         _outputs=SimpleNamespace(torque=torque, diagnostics=fails),
         get_clock=lambda: SimpleNamespace(now=lambda: stamp))
+    node.report = lambda problem: GravityCompNode.report(node, problem)
     monkeypatch.setattr(node_module.rclpy, 'ok', lambda: True)
     GravityCompNode.end_torque(node, RuntimeError('a bug'))
     assert sent == ['failed', 3.0, 2.0, 1.0]
