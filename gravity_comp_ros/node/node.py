@@ -164,6 +164,7 @@ class GravityCompNode(LifecycleNode):
         return super().on_configure(state)
 
     def _configure(self) -> None:
+        # Not at run time: without /clock the watchdog would stand still, and the torque with it.
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
         self._core = NodeCore(self.settings.values, topic, self.now(), self._sent,
@@ -308,7 +309,6 @@ class GravityCompNode(LifecycleNode):
                            arm.in_use.distance(arm.pose), std_of(arm.in_use.model, arm.pose))
 
     def _on_report(self) -> None:
-        self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         if self._core is not None and self._outputs is not None:
             statuses = self._core.statuses(self.now()) + self._graph_statuses()
             self._outputs.diagnostics(statuses)

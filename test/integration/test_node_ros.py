@@ -283,6 +283,11 @@ def test_rates_of_a_best_effort_publisher_and_a_gap(iiwa_model_file, bags):
         # Of the last message, which on a busy machine may not be the one that was sent last.
         poses = np.array([model.predict_one(q) for q in later.q])
         assert np.abs(poses - probe.torques[0].effort).max(axis=1).min() < 1e-6
+        # Without /clock simulated time stands still; torque without input goes on nevertheless.
+        assert set_parameter(probe, 'use_sim_time', True).successful
+        probe.report('feed-forward')
+        probe.torques.clear()
+        probe.until(lambda: probe.torques, 10, 'torque without input')
         code, output = node.stop(signal.SIGINT, timeout=60)
     assert code == 0 and 'Traceback' not in output, output
 
