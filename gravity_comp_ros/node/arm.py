@@ -20,6 +20,7 @@ from gravity_comp_ros.node.epoch import DelayedSamples, Epoch, SlowSample
 from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.messages import CompleteReading, JointStateReader, Reading
 from gravity_comp_ros.node.model_in_use import ModelInUse
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import BY_NAME, Parameters
 from gravity_comp_ros.node.watch import Watch
 import numpy as np
@@ -106,6 +107,7 @@ class Arm:
         # Residuals since the last report (2, N) in N·m: with and without nuisance terms.
         self._residuals: list[FloatArray] = []
         self.set(settings)
+        self.restart()
         if model is not None:
             self.use(model, None, 0)
 
@@ -177,6 +179,8 @@ class Arm:
 
     def restart(self) -> None:
         """Forget earlier messages: the clock has started again."""
+        # The pose of the last sample that counts.
+        self._sampled = np.full(len(self.joints), np.nan)
         self.gate.reset()
         self.delayed.restart()
         self.watch.restart()
@@ -233,17 +237,22 @@ class Arm:
         if reason not in (None, RATE):
             self.gate_counts[reason] += 1
         for sample in self.delayed.due(reading.t):
-            self.epoch.offer(sample)
+            # Of an arm at rest one sample counts: friction holds any part of its torque.
+            has_moved = not float(
+                np.abs(sample.reading.q - self._sampled).max()) < NODE.min_motion
+            if has_moved:
+                self._sampled = sample.reading.q
+                self.epoch.offer(sample)
             if self.in_use is not None:
-                self._compare(self.in_use, sample)
+                self._compare(self.in_use, sample, has_moved)
 
-    def _compare(self, in_use: ModelInUse, sample: SlowSample) -> None:
-        """Record the residual of a slow sample for diagnostics and for the watch."""
+    def _compare(self, in_use: ModelInUse, sample: SlowSample, has_moved: bool) -> None:
+        """Record the residual of a slow sample for diagnostics, and after motion for the watch."""
         reading = sample.reading
         gravity = in_use.model.predict_one(reading.q)
         error, residual = in_use.residual(reading, gravity, sample.qdd)
         self._residuals.append(np.array((error, residual)))
-        if not in_use.distance(reading.q).any():
+        if has_moved and not in_use.distance(reading.q).any():
             self.watch.offer(sample, gravity, residual)
 
     def take_residual(self) -> FloatArray | None:
@@ -259,6 +268,5 @@ class Arm:
         """Drop all samples; collect again after `settle_time`, when old messages have passed."""
         self.learn_from = now + self.settings.settle_time
         self.epoch = Epoch(number, self.joints, self.settings, base)
-        self.delayed.restart()
-        self.watch.restart()
+        self.restart()
         self._residuals = []

@@ -36,6 +36,7 @@ class NodeOptions:
     - `capacity`: maximum number of samples, five minutes at 5 Hz; then one of each cell of poses
       and velocities stays, the newest.
     - `min_known`: share of the samples whose acceleration must be resolved for the use of any.
+    - `min_motion`, rad: a sample closer to the last one is redundant.
     - `min_range`, rad: motion that each joint needs before the last fit.
 
     Watch of the model in use:
@@ -43,7 +44,6 @@ class NodeOptions:
     - `window`: slow samples of the shortest test for a payload, six seconds at the default rate,
       in `parts` parts: a contact shorter than two seconds is not present in each of them. A new
       model is judged on half of them. A longer window is thinned to `max_window` samples.
-    - `min_motion`, rad: closer samples are redundant.
     - `max_acceleration`, rad/s^2: above it inertia is not negligible.
     - `max_required`: samples at most that confirm a model.
     - `new_samples`: between two tests.

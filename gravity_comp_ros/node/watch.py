@@ -66,8 +66,6 @@ class Watch:
         self._rows: deque[tuple[SlowSample, FloatArray]] = deque(maxlen=capacity)
         # New samples until the next test, and the length of the window that is due; 0 for none.
         self._wait = self._due = 0
-        # The pose of the last sample.
-        self._pose = np.full(1, np.inf)
         # A suspected payload, or a change of the effort that no payload explains.
         self.finding: PayloadResult | None = None
 
@@ -75,15 +73,13 @@ class Watch:
         """
         Add a slow sample of the model in use, at a pose within the trained range.
 
-        Of an arm at rest one sample counts; without an acceleration none is tested for a payload.
+        Without an acceleration it is not tested for a payload.
 
         :param gravity: torque of the model in use, `residual` that without nuisance terms,
             (N,) in N·m.
         """
         new, qdd = sample.reading, sample.qdd
-        if float(np.abs(new.q - self._pose).max()) < NODE.min_motion:
-            return
-        self._pose, error = new.q, np.abs(residual) / self._expected
+        error = np.abs(residual) / self._expected
         if not self.is_confirmed and float(error.max()) < CHECKS.predicted:
             self._predicted += 1
         if self._before is not None:

@@ -7,7 +7,7 @@ from threading import Event
 import time
 
 from bench.shared.node_messages import (
-    feed, motion, refit, send_message, slow_state, status, torque, until)
+    feed, joint_state, motion, refit, send_message, slow_state, status, torque, until)
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -279,6 +279,29 @@ def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file,
     node.learner.payload_changed(now + 50.0)
     feed(node, 20, now + 60.0)
     assert 'after broken effort' not in (node.arm.epoch.missing_for_fit() or '')
+
+
+def test_of_an_arm_at_rest_one_sample_counts(live, model_file):
+    """
+    Friction holds any part of its torque.
+
+    It neither trains a model nor confirms one, and no payload is suspected.
+    """
+    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+    rng = np.random.default_rng(0)
+    node.learner.payload_changed(0.0)
+    node.arm.use(node.models.model, node.models.model, 60)
+    pose = np.array([0.4, 0.1])
+    for k in range(600):
+        noise = 1e-3 * rng.standard_normal((2, 2))
+        state = joint_state('ab', 1.0 + 0.2 * k, pose + 0.1 * noise[0], noise[1],
+                            torque(pose, 1.5))
+        send_message(node, state, 1.0 + 0.2 * k)
+    assert len(node.arm.epoch) == 1 and not node.arm.watch.is_confirmed
+    assert not node.arm.watch.is_due()
+    assert float(status(node, 'joint a').values['residual [Nm]']) > 0.5
+    feed(node, 80, 200.0)
+    assert len(node.arm.epoch) > 70 and node.arm.watch.is_confirmed
 
 
 def test_another_payload_rolls_no_model_back(live, model_file):

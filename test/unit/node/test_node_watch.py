@@ -132,17 +132,6 @@ def test_a_confirmed_model_stays(models):
     assert not is_rolled_back(watch)
 
 
-def test_an_arm_at_rest_confirms_no_model(models):
-    """It predicts one pose; elsewhere it is rolled back."""
-    right, wrong = models
-    watch, moving = watching(wrong, right, 30), motion(60, gain=(30.0, 8.0))
-    q, tau = (np.tile(values[0], (60, 1)) for values in (moving.q, moving.tau))
-    offer(watch, wrong, replace(moving, q=q, tau=tau))
-    assert not watch.is_confirmed
-    offer(watch, wrong, motion(60))
-    assert is_rolled_back(watch)
-
-
 def test_of_two_wrong_models_the_new_one_stays(models):
     right, wrong = models
     watch = watching(wrong, right, 30)
