@@ -40,7 +40,7 @@ SERVICE_QOS = QoSProfile(depth=NODE.calls)
 EXTERNAL_TORQUE = ('external_torque', 'external_torque_std', 'external_torque_significant')
 NO_CLOCK = ('use_sim_time is set and /clock is not received: nothing is learned or published; '
             'start the simulation, or set use_sim_time to false')
-INACTIVE = 'the node is not active: activate it first'
+UNCONFIGURED = 'the node is not configured: configure and activate it first'
 NO_JOINTS = 'no joint states yet: check the topic and the driver'
 FORBIDDEN = 'no torque will be published until ~/enable is called with true'
 # Starts the action of a request; the reply is given once, now or later.
@@ -116,7 +116,7 @@ class GravityCompNode(LifecycleNode):
 
     async def _respond(self, action: Action, request: Any, response: Any) -> Any:
         """Reply to a request, and log the reply."""
-        future, core = Future(executor=self.executor), self._core if self._active else None
+        future, core = Future(executor=self.executor), self._core
 
         def reply(success: bool, text: str) -> None:
             if not future.done():
@@ -126,10 +126,12 @@ class GravityCompNode(LifecycleNode):
             # Torque can be forbidden in every state.
             if forbids := isinstance(request, SetBool.Request) and not request.data:
                 self._forbid()
-            reply(forbids, FORBIDDEN if forbids else INACTIVE if core is None else NO_JOINTS)
+            reply(forbids, FORBIDDEN if forbids else UNCONFIGURED if core is None else NO_JOINTS)
         else:
             action(core.learner, request, reply)
         response.success, response.message = await future
+        if core is not None and not self._active:
+            response.message = f'the node is inactive; {response.message}'
         # Throttled, because the caller has the reply.
         if response.success:
             self.get_logger().info(response.message, throttle_duration_sec=0.1)

@@ -147,9 +147,10 @@ def test_life_cycle_and_enable(iiwa_model_file, bags):
         assert change(probe, Transition.TRANSITION_CONFIGURE) and state() == 'inactive'
         probe.until_node()
         probe.stream(part(later, 0, 10))
-        assert 'not active' in probe.call('refit').message and not probe.torques
-        # Torque can be forbidden in every state.
-        assert probe.enable(False).success and not probe.enable(True).success
+        # A tool is changed, and torque is forbidden, also while the node is inactive.
+        reply = probe.call('payload_changed')
+        assert reply.success and 'inactive; epoch 1 open' in reply.message and not probe.torques
+        assert probe.enable(False).success
         assert change(probe, Transition.TRANSITION_ACTIVATE) and state() == 'active'
         probe.report('feed-forward')
         assert probe.values('feed-forward')['enabled'] == 'false' and probe.enable(True).success
@@ -181,7 +182,7 @@ def test_life_cycle_and_enable(iiwa_model_file, bags):
         assert change(probe, Transition.TRANSITION_DEACTIVATE)
         assert change(probe, Transition.TRANSITION_CLEANUP) and state() == 'unconfigured'
         probe.until(waiting.done, 60, 'the answer to a call that waited')
-        assert waiting.result().message and 'not active' in probe.call('refit').message
+        assert waiting.result().message and 'not configured' in probe.call('refit').message
         count = len(probe.torques)
         probe.stream(part(later, 40, 50))
         assert len(probe.torques) == count
