@@ -28,8 +28,7 @@ def named_facts(names: Sequence[str]) -> list[Fact]:
     words = {name: {word.lower() for word in _WORD.findall(name)} for name in names}
     grippers = tuple(name for name in names if words[name] & _GRIPPERS)
     linear = tuple(name for name in names if name not in grippers and (
-        words[name] & _LINEAR or {'torso', 'lift'} <= words[name]
-        or {'lift'} <= words[name] <= {'lift', 'joint'}))
+        words[name] & _LINEAR or {'torso', 'lift'} <= words[name]))
     if len(grippers) + len(linear) == len(names):
         return []
     return ([_fact(Kind.GRIPPER, grippers, 'gripper or wheel')] * bool(grippers)
