@@ -15,7 +15,8 @@ from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.exchanges import run
 from gravity_comp_ros.regression.gains import gain, Score, score_of, without_weak
-from gravity_comp_ros.regression.linear import gauss_newton, Linear, with_exact_angles
+from gravity_comp_ros.regression.linear import (
+    gauss_newton, Linear, with_better_direction, with_exact_angles)
 from gravity_comp_ros.regression.noise import (
     correlation_times, noise_std, precision_of, relative_weights, variance_by_motion)
 from gravity_comp_ros.regression.posterior import leave_out, Posterior, solve
@@ -135,9 +136,10 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
         changed = run(search, with_exchanges=number > 0)
         fit, steps, converged = gauss_newton(fit.selected(search.posterior))
         log(f'pass {number}: {len(search.terms)} terms')
-        if number and not changed:
+        turned = with_better_direction(fit)
+        if number and not changed and turned is fit:
             break
-        fit = fit.weighted(_weights(fit))
+        fit = turned.weighted(_weights(turned))
     exact = with_exact_angles(fit)
     if exact is not fit:
         fit, search = _without_turned_axes(exact, search, effects)

@@ -153,6 +153,22 @@ def _objective(posterior: Posterior) -> float:
     return float(posterior.precision @ posterior.squares + (posterior.from_prior() ** 2).sum())
 
 
+def with_better_direction(fit: Linear) -> Linear:
+    """
+    Return the fit with the first joint reversed where that is more probable.
+
+    Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
+    """
+    shared, precision = fit.shared.with_first_reversed(), fit.posterior.precision
+    if shared is fit.shared:
+        return fit
+    other = fit.on(shared, precision)
+    gain = 0.5 * (fit.objective(precision) - other.objective(precision))
+    if gain < fit.problem.options.margin:
+        return fit
+    return gauss_newton(other.centred(), renewed=True)[0]
+
+
 def with_exact_angles(fit: Linear) -> Linear:
     """
     Return the fit with exact angles where that is more probable.

@@ -86,6 +86,10 @@ class Shared(ABC):
         """Return the same at the exact angles that are near."""
         return self
 
+    def with_first_reversed(self) -> Shared:
+        """Return the same with the first joint reversed, itself where gravity contradicts that."""
+        return self
+
     def torque(self, state: State) -> FloatArray:
         """Return the torque (B, N) in N·m at the point."""
         return np.asarray(self.columns(state) @ self.point)

@@ -16,9 +16,7 @@ from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, maxima, Nuisance
 from gravity_comp_ros.models.kinematic.chain import in_frames_of_axes
-from gravity_comp_ros.regression.linear import (
-    gauss_newton, Linear, with_common_terms, with_exact_angles)
-from gravity_comp_ros.regression.noise import noise_std
+from gravity_comp_ros.regression.linear import Linear, with_common_terms, with_exact_angles
 from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
@@ -53,11 +51,7 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     springs = poses.q - poses.q.mean(axis=0)
     found = maxima(arm_problem(poses, nuisance.with_column(springs, _STIFFNESS)), _STARTS)
     axes = [UnknownLengths.of(in_frames_of_axes(state.chain)) for state in found]
-    best = _most_probable(problem.coarser(_POSES), axes, effects)
-    # Gravity does not depend on the direction of a vertical first axis, the torque of motion does.
-    reversed_ = best.on(UnknownLengths.of(_axes_of(best).chain.with_first_reversed()),
-                        best.posterior.precision, is_known=False)
-    return _axes_of(min(best, gauss_newton(reversed_, renewed=True)[0], key=_log_noise))
+    return _axes_of(_most_probable(problem.coarser(_POSES), axes, effects))
 
 
 def _most_probable(problem: Problem, starts: list[UnknownLengths],
@@ -80,17 +74,6 @@ def _log_evidence(fit: Linear) -> float:
 def _axes_of(fit: Linear) -> UnknownLengths:
     assert isinstance(fit.shared, UnknownLengths)
     return fit.shared
-
-
-def _log_noise(fit: Linear) -> float:
-    """
-    Return the mean logarithm of the joints' noise, independent of their scale.
-
-    A residual below the white noise is that of too many columns.
-    """
-    problem = fit.problem
-    noise = noise_std(fit.at_point(), problem.scale, problem.options)
-    return float(np.log(np.maximum(noise, problem.white_noise)).mean())
 
 
 def generic_poses(problem: Problem, count: int) -> tuple[JointSamples, Nuisance]:

@@ -187,6 +187,13 @@ class UnknownLengths(Shared):
     def at_near_angles(self) -> UnknownLengths:
         return self._exact_where(lambda step, here: bool(np.abs(step).max() < self.priors.near))
 
+    def with_first_reversed(self) -> UnknownLengths:
+        if np.hypot(*self.chain.axes[0, 2, :2]) > self.priors.near:
+            return self
+        chain = self.chain.with_first_reversed()
+        return replace(self, chain=chain, carried=chain.moments,
+                       lengths=0.0 * self.lengths, inertias=0.0 * self.inertias)
+
     def _exact_where(self, is_exact: Callable[[FloatArray, slice], bool]) -> UnknownLengths:
         """
         Return the same with exact angles.
