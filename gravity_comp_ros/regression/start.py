@@ -51,17 +51,17 @@ def start_axes(problem: Problem, effects: Sequence[Effect]) -> UnknownLengths:
     springs = poses.q - poses.q.mean(axis=0)
     found = maxima(arm_problem(poses, nuisance.with_column(springs, _STIFFNESS)), _STARTS)
     axes = [UnknownLengths.of(in_frames_of_axes(state.chain)) for state in found]
-    return _axes_of(_most_probable(problem.coarser(_POSES), axes, effects))
+    return _most_probable(problem.coarser(_POSES), axes, effects)
 
 
 def _most_probable(problem: Problem, starts: list[UnknownLengths],
-                   effects: Sequence[Effect]) -> Linear:
+                   effects: Sequence[Effect]) -> UnknownLengths:
     """Return the axes of largest evidence, compared with exact angles if there are several."""
     fits = [with_common_terms(problem, start, effects) for start in starts]
     if len(fits) == 1:
-        return fits[0]
+        return _axes_of(fits[0])
     best = max(map(with_exact_angles, fits), key=_log_evidence)
-    return best.on(UnknownLengths.of(_axes_of(best).chain))
+    return UnknownLengths.of(_axes_of(best).chain)
 
 
 def _log_evidence(fit: Linear) -> float:
