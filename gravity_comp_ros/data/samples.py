@@ -117,6 +117,12 @@ class JointSamples:
                    None if qdd is None else np.asarray(qdd, dtype=np.float64), (number,))
 
     @classmethod
+    def at_rest(cls, names: Sequence[str], q: FloatArray) -> JointSamples:
+        """Return poses q (M, N) at rest, one each second, without torque."""
+        still = np.zeros_like(q)
+        return cls.single_run(names, np.arange(len(q)), q, still, still)
+
+    @classmethod
     def single_sample(cls, names: tuple[str, ...], q: FloatArray, qd: FloatArray) -> JointSamples:
         """
         Return one sample of q (N,) and qd (N,), without torque, for a loop at 1 kHz.

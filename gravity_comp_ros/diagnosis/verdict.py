@@ -131,13 +131,13 @@ def finding_of(evidence: Evidence, term: Term) -> Finding:
     gain = regression.gains[term.key]
     shares = regression.identified[term.key]
     values, std = regression.posterior.beta[regression.posterior.at[term]], \
-        regression.stds[term.key]
+        regression.uncertainty.stds[term.key]
     before, after, better = evidence.held_out(target_of(term, evidence.joints), joint)
     others = alternatives_of(regression, term, evidence.joints)
     listed = term.effect.coefficients_of(regression.motion, term.joint_number, term.setting)
     share = regression.unabsorbed[term.key]
     identified = shares >= regression.problem.options.min_identified
-    covers_zero = HALF_95 * regression.size_stds[term.key] > 1.0
+    covers_zero = HALF_95 * regression.uncertainty.size_stds[term.key] > 1.0
     is_better = after < (1.0 - evidence.options.min_reduction) * before
     implausible = term.effect.implausible(values, term.setting)
     verdict, why = _verdict(evidence, term, implausible, covers_zero, is_better, others)

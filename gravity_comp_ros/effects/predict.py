@@ -11,8 +11,9 @@ loop reads the effects sample by sample in order of time (`LiveEffects`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from gravity_comp_ros.data.poses import batches
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect, Needs
 from gravity_comp_ros.effects.motion import Motion
@@ -75,6 +76,36 @@ def static_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
     gravity = model.predict(samples.q)
     return gravity + torque_of(model, static_effects(
         (*model.applied.effects, *model.fitted.effects)), samples, gravity)
+
+
+def static_std(model: GravityModel, q: FloatArray,
+               effects: Iterable[AppliedEffect] | None = None) -> FloatArray:
+    """
+    Return the standard deviation (M, N) in N·m of gravity plus static effects at q (M, N) in rad.
+
+    Where the motion does not separate them, their sum is more certain than either.
+
+    :param effects: effects of the model, of which the static ones count; by default the predicted.
+    :raises DataError: if the model has no uncertainty.
+    :raises ModelMismatchError: as `predict_torque`.
+    """
+    static = static_effects(model.applied.effects if effects is None else effects)
+    return np.concatenate([np.zeros((0, model.n_joints)), *(
+        np.sqrt((_static_deviations(model, q[rows], static) ** 2).sum(axis=0))
+        for rows in batches(len(q)))])
+
+
+def _static_deviations(model: GravityModel, q: FloatArray,
+                       effects: Iterable[AppliedEffect]) -> FloatArray:
+    """Return the changes (K, M, N) in N·m of gravity plus effects by the errors of the model."""
+    deviations = model.deviations(q)
+    motion = motion_of(model, JointSamples.at_rest(model.joints, q))
+    for applied in effects:
+        effect, errors = EffectInUse.of(model, applied, motion), model.coefficient_errors(applied)
+        for unit, error in zip(np.eye(len(errors)), errors):
+            torque = replace(effect, factors=unit).torque(motion)
+            deviations[..., effect.joints] += np.multiply.outer(error, torque)
+    return deviations
 
 
 def static_effects(effects: Iterable[AppliedEffect]) -> list[AppliedEffect]:

@@ -29,6 +29,7 @@ from gravity_comp_ros.regression.start import start_axes
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 from gravity_comp_ros.regression.vertical import with_estimated_vertical
 import numpy as np
+from scipy.linalg import block_diag
 
 # Minimum and maximum number of torques of a joint that replace a model's samples, and number of
 # poses that are drawn for each. Those with the smallest standard deviation are kept.
@@ -124,6 +125,9 @@ def _fitted(model: GravityModel, geometry: Geometry | None, as_described: bool =
     _check_misfit(exact - shared.chain.torque(samples.q), noise, samples.names)
     steps, p = shared.step_map(), len(shared.point)
     covariance = steps @ result.posterior.covariance[:p, :p] @ steps.T
+    if model.covariance is not None:
+        # What a split of gravity and effects changes of this chain is not known.
+        covariance = block_diag(covariance, model.covariance_of_effects)
     return _on_chain(model, shared.chain, covariance,
                      shared.geometry if isinstance(shared, KnownAxes) else None)
 
@@ -179,12 +183,12 @@ def _on_chain(model: GravityModel, chain: Chain, covariance: FloatArray,
     coverage = replace(model.coverage, q_min=model.coverage.q_min[order],
                        q_max=model.coverage.q_max[order])
     result = GravityModel.from_energy(
-        joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance, chain,
-        covariance)
+        joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance, chain)
     residual = None if model.residual_std is None else model.residual_std[order]
     applied, fitted = _effects_on_axes(model)
-    return replace(result, applied=applied, history=model.history, fitted=fitted,
-                   residual_std=residual, payload_path=model.payload_path, geometry=geometry)
+    return replace(result, covariance=covariance, static=model.static, applied=applied,
+                   history=model.history, fitted=fitted, residual_std=residual,
+                   payload_path=model.payload_path, geometry=geometry)
 
 
 def _effects_on_axes(model: GravityModel) -> tuple[Applied, Applied]:

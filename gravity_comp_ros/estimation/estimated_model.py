@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import TypeGuard
 
@@ -25,6 +25,7 @@ from gravity_comp_ros.regression.shared import Shared, State
 from gravity_comp_ros.regression.term import Term
 from gravity_comp_ros.regression.unknown_lengths import UnknownLengths
 import numpy as np
+from scipy.linalg import block_diag
 
 
 def is_absorbed(estimate: Estimate, term: Term) -> bool:
@@ -74,8 +75,7 @@ def model_of(estimate: Estimate, switched_on: Collection[str] = (),
     posterior = posterior or regression.posterior
     shared = regression.shared.moved(posterior.beta[:len(regression.shared.point)])
     used = problem.measured.select(problem.used)
-    model = _gravity(shared, regression.covariance, joints, Coverage.of(used),
-                     estimate.formulation)
+    model = _gravity(shared, joints, Coverage.of(used), estimate.formulation)
     predicted: list[AppliedEffect] = []
     fitted: list[AppliedEffect] = []
     for term in posterior.terms:
@@ -86,6 +86,10 @@ def model_of(estimate: Estimate, switched_on: Collection[str] = (),
         dynamics = _dynamics(estimate, shared, posterior)
         (predicted if DYNAMICS in switched_on else fitted).append(dynamics)
     model = replace(model, applied=Applied(tuple(predicted)), fitted=Applied(tuple(fitted)))
+    if not isinstance(shared, Torques):
+        static = [term for term in posterior.terms if term.effect.is_static]
+        model = replace(model, static=tuple(target_of(term, joints) for term in static),
+                        covariance=_covariance(shared, regression, static))
     return with_residuals(model, estimate) if with_noise else model
 
 
@@ -110,31 +114,38 @@ def motion_parameters(shared: KnownAxes | UnknownLengths, parameters: FloatArray
     return parameters[4 * shared.chain.n_joints:]
 
 
-def _gravity(shared: Shared, covariance: FloatArray, joints: tuple[str, ...],
-             coverage: Coverage, formulation: str) -> GravityModel:
+def _gravity(shared: Shared, joints: tuple[str, ...], coverage: Coverage,
+             formulation: str) -> GravityModel:
     none = np.zeros(len(joints))
-    if has_dynamics(shared):
-        chain, steps = shared.chain, shared.step_map()
-        model = GravityModel.from_energy(
-            joints, formulation, expand(chain), none, coverage, {}, chain,
-            steps @ covariance @ steps.T)
-        return replace(model, geometry=shared.geometry if isinstance(shared, KnownAxes) else None)
+    if isinstance(shared, Torques):
+        return GravityModel(joints, formulation, shared.torques, None, none, coverage)
     if isinstance(shared, Energy):
-        return GravityModel.from_energy(
-            joints, formulation, shared.energy, none, coverage, {},
-            covariance=covariance)
-    assert isinstance(shared, Torques)
-    return GravityModel(joints, formulation, shared.torques, None, none, coverage)
+        return GravityModel.from_energy(joints, formulation, shared.energy, none, coverage, {})
+    assert has_dynamics(shared)
+    model = GravityModel.from_energy(joints, formulation, expand(shared.chain), none, coverage, {},
+                                     shared.chain)
+    return replace(model, geometry=shared.geometry if isinstance(shared, KnownAxes) else None)
+
+
+def _covariance(shared: Shared, regression: Regression, static: Iterable[Term]) -> FloatArray:
+    """Return the covariance of the parameters of gravity and of the static terms."""
+    p, at = len(shared.point), regression.posterior.at
+    steps = shared.step_map() if has_dynamics(shared) else np.eye(p)
+    here = np.concatenate([np.arange(p), *(at[term] for term in static)])
+    to_model = block_diag(steps, np.eye(len(here) - p))
+    return np.asarray(to_model @ regression.uncertainty.covariance[np.ix_(here, here)]
+                      @ to_model.T)
 
 
 def _applied(estimate: Estimate, posterior: Posterior, term: Term,
              joints: tuple[str, ...]) -> AppliedEffect:
     """Return a term with its coefficients and their intervals."""
     effect, motion = term.effect, estimate.regression.motion
+    stds = estimate.regression.uncertainty.stds[term.key]
     return AppliedEffect(
         term.name, None if term.joint is None else joints[term.joint], term.setting,
         values_of(effect.coefficients_of(motion, term.joint_number, term.setting),
-                  posterior.beta[posterior.at[term]], estimate.regression.stds[term.key]))
+                  posterior.beta[posterior.at[term]], stds))
 
 
 def _dynamics(estimate: Estimate, shared: KnownAxes | UnknownLengths,

@@ -9,6 +9,7 @@ from typing import Any
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.predict import static_std
 from gravity_comp_ros.estimation.estimate import Estimate, FitOptions
 from gravity_comp_ros.estimation.estimated_model import is_absorbed, target_of
 from gravity_comp_ros.estimation.robust import Outliers, outliers
@@ -136,7 +137,7 @@ def std_over_poses(model: GravityModel) -> FloatArray:
     """Return each joint's standard deviation (N,) in N·m, RMS over all poses; (0,) if unknown."""
     if model.covariance is None:
         return np.zeros(0)
-    std = model.predict_std(random_poses(model.n_joints))
+    std = static_std(model, random_poses(model.n_joints))
     return np.asarray(np.sqrt((std ** 2).mean(axis=0)))
 
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.predict import static_std
 from gravity_comp_ros.estimation.fit_report import std_over_poses, uncertainty_warning
 from gravity_comp_ros.estimation.update_step import PayloadEstimate, UpdateStep
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -62,7 +63,7 @@ def details(old: GravityModel, step: UpdateStep, samples: JointSamples, rmse: Fl
     """
     before = np.sqrt(((samples.tau - old.predict(samples.q)) ** 2).mean(axis=0))
     difference = step.model.predict(samples.q) - old.predict(samples.q)
-    spread = step.model.predict_std(samples.q).max(axis=0)
+    spread = static_std(step.model, samples.q).max(axis=0)
     warnings = uncertainty_warning(step.model, std_over_poses(step.model),
                                    Scale.of(samples, EngineOptions()).largest)
     if len(samples) < _MIN_SAMPLES:

@@ -22,7 +22,7 @@ from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.estimation.payload_path import path_moments
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain, expand
+from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.sparse_change import Change
 import numpy as np
@@ -86,15 +86,15 @@ def changed_model(model: GravityModel, new: NewSamples, geometry: Geometry | Non
 def _payload_step(model: GravityModel, new: NewSamples, geometry: Geometry,
                   free: UpdateStep) -> UpdateStep:
     """Return the change by a payload, or the free one if that fits much better."""
-    assert model.chain is not None and model.covariance is not None
+    assert model.chain is not None and model.covariance_given_effects is not None
     assert free.model.chain is not None
-    loaded = estimate_payload(model.chain, model.covariance, new, geometry)
+    loaded = estimate_payload(model.chain, model.covariance_given_effects, new, geometry)
     misfit, free_misfit = (float((each := new.residual(chain)) @ each)
                            for chain in (loaded.chain, free.model.chain))
     if misfit - free_misfit > OPTIONS.free:
         return replace(free, payload=loaded.payload, misfit=misfit)
     changed = (loaded.chain.moments - model.chain.moments).ravel()
-    return UpdateStep(_with_chain(model, loaded.chain, loaded.covariance),
+    return UpdateStep(model.with_chain(loaded.chain, loaded.covariance),
                       {name: float(x) for name, x in zip(_moment_names(model), changed)},
                       free.change, loaded.payload, True, misfit, free.trials)
 
@@ -105,20 +105,16 @@ def _moment_names(model: GravityModel) -> list[str]:
 
 def _chain_step(model: GravityModel, new: NewSamples,
                 trials: tuple[Trial, ...]) -> UpdateStep:
-    assert model.chain is not None and model.covariance is not None
+    assert model.chain is not None and model.covariance_given_effects is not None
     box = np.stack([model.coverage.q_min, model.coverage.q_max])
     path = None if model.payload_path is None else path_moments(
         model.payload_path, model.chain, box)
-    result = update_chain(model.chain, model.covariance, new, box, trials, path)
+    result = update_chain(model.chain, model.covariance_given_effects, new, box, trials, path)
     names, moments = _moment_names(model), result.chain.moments - model.chain.moments
     changed = {names[k]: float(moments.ravel()[k])
                for k in result.change.support - 2 * model.n_joints}
-    return UpdateStep(_with_chain(model, result.chain, result.covariance), changed,
+    return UpdateStep(model.with_chain(result.chain, result.covariance), changed,
                       result.change, trials=result.trials)
-
-
-def _with_chain(model: GravityModel, chain: Chain, covariance: FloatArray) -> GravityModel:
-    return replace(model, torques=(), energy=expand(chain), chain=chain, covariance=covariance)
 
 
 def estimate_payload(chain: Chain, covariance: FloatArray, new: NewSamples,

@@ -11,7 +11,7 @@ from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.runs import numbers_in
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.display import change, Displayable, percent, TextTable
-from gravity_comp_ros.effects.predict import predict_torque
+from gravity_comp_ros.effects.predict import predict_torque, static_std
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
@@ -146,7 +146,7 @@ class JointComparison:
     `in_band` and `in_band_outside` are the shares of residuals inside the 95 % band where every
     joint is in its trained range, and of all others; None without such samples, or for a model
     without uncertainty. The band is 1.96 sqrt(std^2 + noise^2) with the standard deviation of the
-    prediction (`GravityModel.predict_std`) and the noise of training.
+    prediction (`effects.predict.static_std`) and the noise of training.
     """
 
     n: int
@@ -244,7 +244,7 @@ def compare(model: GravityModel, samples: JointSamples,
         predicted = predict_torque(model, recorded)[numbers_in(recorded, samples)]
     band = None
     if model.covariance is not None:
-        band = HALF_95 * np.hypot(model.predict_std(samples.q), model.noise)
+        band = HALF_95 * np.hypot(static_std(model, samples.q), model.noise)
     return compare_prediction(samples, predicted,
                               model.coverage.distance(samples.q).max(axis=1) > 0.0, band)
 

@@ -1,21 +1,22 @@
 """
 Drift between two models of one arm: changes since the earlier one was fitted.
 
-Compared are the gravity torque at the same poses, with the standard deviations of both models, and
-the coefficients of the effects of single joints. With other nonlinear parameters (the centre of a
-spring, the recordings of an offset) a coefficient has another meaning and is not compared; the law
-of the direction of motion leaves it as it is.
+Compared are the torque of gravity and all static effects at the same poses, with the standard
+deviations of both models, and the coefficients of the effects of single joints. A motion that does
+not separate gravity from a spring determines their sum. With other nonlinear parameters (the
+centre of a spring, the recordings of an offset) a coefficient has another meaning and is not
+compared; the law of the direction of motion leaves it as it is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import LAW_UNITS
-from gravity_comp_ros.effects.predict import static_effects
+from gravity_comp_ros.effects.predict import static_std, static_torque
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.evaluation.compare import COMPARISON
 from gravity_comp_ros.models.applied_effects import AppliedEffect, Quantity
@@ -26,11 +27,11 @@ import numpy as np
 @dataclass(frozen=True)
 class JointDrift:
     """
-    Change of the gravity torque of a joint: RMS over the poses, and its mean, in N·m.
+    Change of the static torque of a joint: RMS over the poses, and its mean, in N·m.
 
     `std` is its standard deviation in N·m, RMS over the poses, None for models without one.
     `unknown` is True if there is none, or if a change that is not significant exceeds the noise:
-    gravity is too uncertain to exclude it.
+    the models are too uncertain to exclude it.
     """
 
     rms: float
@@ -68,9 +69,9 @@ def drift(before: GravityModel, after: GravityModel, samples: JointSamples) -> D
     if before.joints != after.joints:
         raise ModelMismatchError(f'the models have different joints: {", ".join(before.joints)} '
                                  f'and {", ".join(after.joints)}')
-    q = samples.joints(after.joints).q
-    change = after.predict(q) - before.predict(q)
-    std, joints = _std(before, after, q), {}
+    still = JointSamples.at_rest(after.joints, samples.joints(after.joints).q)
+    change = static_torque(after, still) - static_torque(before, still)
+    std, joints = _std((before, after), still.q), {}
     noise = np.hypot(before.noise_with_nuisance, after.noise_with_nuisance)
     for k, name in enumerate(after.joints):
         rms = float(np.sqrt((change[:, k] ** 2).mean()))
@@ -82,24 +83,14 @@ def drift(before: GravityModel, after: GravityModel, samples: JointSamples) -> D
     return Drift(joints, tuple(_coefficients(before, after)))
 
 
-def _std(before: GravityModel, after: GravityModel, q: FloatArray) -> FloatArray | None:
-    """
-    Return the RMS standard deviation (N,) of the change in N·m, None if it is unknown.
-
-    A static effect that gravity absorbs nearly whole makes gravity uncertain, but not their sum.
-    Models that share it (`update` keeps the effects) differ by the change of the sum. In the
-    trained range the error of the sum is at most the residual of the training.
-    """
+def _std(models: Iterable[GravityModel], q: FloatArray) -> FloatArray | None:
+    """Return the RMS standard deviation (N,) of the change in N·m, None if it is unknown."""
     try:
-        std, new = before.predict_std(q), after.predict_std(q)
+        variance = [static_std(model, q, (*model.applied.effects, *model.fitted.effects)) ** 2
+                    for model in models]
     except DataError:
         return None
-    shared = {effect.joint for effect in static_effects(before.applied.effects)
-              if effect in after.applied.effects}
-    inside = before.coverage.distance(q).max(axis=1) <= 0.0
-    known = np.outer(inside, [joint in shared for joint in before.joints])
-    std = np.where(known, np.minimum(std, before.noise_with_nuisance), std)
-    return np.asarray(np.sqrt((std ** 2 + new ** 2).mean(axis=0)))
+    return np.asarray(np.sqrt(np.sum(variance, axis=0).mean(axis=0)))
 
 
 def _coefficients(before: GravityModel, after: GravityModel) -> Iterator[CoefficientDrift]:

@@ -33,7 +33,7 @@ from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Needs
 from gravity_comp_ros.effects.motion_direction import speed_law
-from gravity_comp_ros.effects.predict import LiveEffects
+from gravity_comp_ros.effects.predict import LiveEffects, static_std
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.evaluation.expected_residual import (
@@ -227,8 +227,9 @@ class ExternalTorqueObserver:
         if not 0.0 <= t - self._std_at < self.options.std_period:
             self._std_at = t
             try:
-                self._model_std = self._model.predict_std(q)[0]
-            except (DataError, np.linalg.LinAlgError):
+                self._model_std = static_std(self._model, q[None], (
+                    *self._model.applied.effects, *self._model.fitted.effects))[0]
+            except (DataError, ModelMismatchError, np.linalg.LinAlgError):
                 self._model_std = np.full(len(q), np.nan)
         return self._model_std
 

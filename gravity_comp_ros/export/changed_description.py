@@ -260,8 +260,7 @@ def _deviations(model: GravityModel, q: FloatArray) -> FloatArray:
 
     The motion determines the sum of gravity and static effects: errors of these are errors of it.
     """
-    still = np.zeros_like(q)
-    samples = JointSamples.single_run(model.joints, np.arange(len(q)), q, still, still)
+    samples = JointSamples.at_rest(model.joints, q)
     parts = [np.zeros((0, *q.shape)) if model.covariance is None else model.deviations(q)]
     for effect in static_effects(model.applied.effects):
         for symbol in effect.coefficients:

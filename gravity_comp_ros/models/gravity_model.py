@@ -8,7 +8,7 @@ tau_n(q) = sum_k w_nk phi_k(q) (Yu 2022, Eqs. 5-7), so one class prints, predict
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 from typing import Any
@@ -16,10 +16,10 @@ from typing import Any
 from gravity_comp_ros.data.poses import batches
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.models.applied_effects import Applied
-from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect
+from gravity_comp_ros.models.kinematic.chain import Chain, expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.least_squares import square_root
+from gravity_comp_ros.models.least_squares import lstsq, square_root
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
@@ -89,11 +89,13 @@ class GravityModel:
     tau_n = dU/dq_n, None for `per_joint`. With an energy and no torques they are its gradient.
     `noise` (N,) is the residual's standard deviation in training, N·m; `provenance` contains data,
     options and solver, ready for JSON. `chain` is the chain from which the energy was expanded,
-    None in other formulations. `covariance` is that of a step of the chain (`Chain.moved`), (4N,
-    4N), or of the weights of the energy, (K, K); None for `per_joint`. `applied` are effects in
-    addition to gravity; `predict` returns gravity alone, and `effects.predict` adds them.
-    `history` lists the changes of the model, the latest last. `fitted` are effects that were found
-    in the fitted data and are not predicted: adding one moves it to `applied`. `residual_std` (N,)
+    None in other formulations. `covariance` is that of a step of the chain (`Chain.moved`), 4N
+    parameters, or of the weights of the energy, followed by the coefficients of the effects
+    `static` (as targets), which hold the joints together with gravity; None for `per_joint`.
+    `applied` are effects in addition to gravity; `predict` returns gravity alone, and
+    `effects.predict` adds them. `history` lists the changes of the model, the latest last.
+    `fitted` are effects that were found in the fitted data and are not predicted: adding one moves
+    it to `applied`. `residual_std` (N,)
     in N·m is the residual's standard deviation with all of them, None if it is that of the
     prediction. `payload_path` is the energy in J that a payload added; it determines how a load
     acts on the joints of an arm of unknown lengths (`estimation.payload_path`). `geometry` are the
@@ -112,6 +114,7 @@ class GravityModel:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     chain: Chain | None = None
     covariance: FloatArray | None = None
+    static: tuple[str, ...] = ()
     applied: Applied = Applied()
     history: tuple[Step, ...] = ()
     fitted: Applied = Applied()
@@ -143,16 +146,18 @@ class GravityModel:
         if self.geometry is not None and self.geometry.joints != self.joints:
             raise DataError(f'model: a geometry of {", ".join(self.geometry.joints)}, but joints '
                             f'{", ".join(self.joints)}')
-        if self.covariance is not None:
-            object.__setattr__(self, 'covariance', self._checked(self.covariance))
         for effect in (*self.applied.effects, *self.fitted.effects):
             if effect.joint is not None and effect.joint not in self.joints:
                 raise DataError(f'model: effect {effect.target} is on an unknown joint')
+        if len(self.static_effects) < len(self.static):
+            raise DataError(f'model: a covariance of effects that it does not have among '
+                            f'{", ".join(self.static)}')
+        if self.covariance is not None:
+            object.__setattr__(self, 'covariance', self._checked(self.covariance))
 
     def _checked(self, covariance: FloatArray) -> FloatArray:
         array = np.asarray(covariance, dtype=np.float64)
-        size = (4 * self.chain.n_joints if self.chain
-                else 0 if self.energy is None else len(self.energy.indices))
+        size = self._n_parameters + sum(len(e.coefficients) for e in self.static_effects)
         # JSON does not store the shape of an empty array.
         array = array if array.size else array.reshape(0, 0)
         if array.shape != (size, size):
@@ -173,6 +178,54 @@ class GravityModel:
     @property
     def n_joints(self) -> int:
         return len(self.joints)
+
+    @property
+    def _n_parameters(self) -> int:
+        """Return the number of parameters of gravity in the covariance."""
+        if self.chain is not None:
+            return 4 * self.chain.n_joints
+        return 0 if self.energy is None else len(self.energy.indices)
+
+    @property
+    def static_effects(self) -> list[AppliedEffect]:
+        """Return the effects whose coefficients are in the covariance, in their order."""
+        every = {e.target: e for e in (*self.applied.effects, *self.fitted.effects)}
+        return [every[target] for target in self.static if target in every]
+
+    @property
+    def covariance_given_effects(self) -> FloatArray | None:
+        """Return the covariance (P, P) of gravity's parameters if the effects are exact."""
+        if self.covariance is None:
+            return None
+        p = self._n_parameters
+        return self.covariance[:p, :p] - self._by_effects @ self.covariance[p:, :p]
+
+    @property
+    def covariance_of_effects(self) -> FloatArray:
+        """Return the covariance (C, C) of the coefficients of the static effects."""
+        assert self.covariance is not None
+        p = self._n_parameters
+        return self.covariance[p:, p:]
+
+    @property
+    def _by_effects(self) -> FloatArray:
+        """Return the change (P, K) of gravity's parameters by the coefficients of effects."""
+        assert self.covariance is not None
+        p = self._n_parameters
+        return lstsq(self.covariance_of_effects, self.covariance[p:, :p], rcond=1e-12).T
+
+    def with_chain(self, chain: Chain, covariance: FloatArray) -> GravityModel:
+        """
+        Return the model with its chain changed by samples of which the effects were subtracted.
+
+        :param covariance: of a step from the new chain (4N, 4N) at these effects.
+        """
+        joint = self.covariance
+        if joint is not None:
+            p, change = self._n_parameters, self._by_effects
+            joint = joint.copy()
+            joint[:p, :p] = covariance + change @ joint[p:, :p]
+        return replace(self, torques=(), energy=expand(chain), chain=chain, covariance=joint)
 
     @property
     def noise_with_nuisance(self) -> FloatArray:
@@ -225,11 +278,21 @@ class GravityModel:
         else:
             assert self.energy is not None
             columns = EnergyDesign(q, np.ones(q.shape)).columns(self.energy.indices).T
-        spread = self._root.T @ columns.reshape(len(columns), q.size)
+        spread = self._errors[:self._n_parameters].T @ columns.reshape(len(columns), q.size)
         return spread.reshape(-1, *q.T.shape).transpose(0, 2, 1)
 
+    def coefficient_errors(self, effect: AppliedEffect) -> FloatArray:
+        """Return the errors (C, K) of the coefficients of a static effect, as `deviations`."""
+        start = self._n_parameters
+        for each in self.static_effects:
+            if each.target == effect.target:
+                return self._errors[start:start + len(each.coefficients)]
+            start += len(each.coefficients)
+        return np.zeros((len(effect.coefficients), len(self._errors)))
+
     @cached_property
-    def _root(self) -> FloatArray:
+    def _errors(self) -> FloatArray:
+        """Return the changes (P + C, K) of parameters and coefficients by independent errors."""
         assert self.covariance is not None
         return square_root(self.covariance)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.predict import LiveEffects, static_effects
-from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.effects.predict import LiveEffects, static_effects, static_std
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.evaluation.external_torque import (
     ExternalTorque, ExternalTorqueObserver, ExternalTorqueOptions)
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -22,8 +22,8 @@ PER_JOINT_REACH = ExternalTorqueOptions().margin
 def std_of(model: GravityModel, q: FloatArray) -> FloatArray:
     """Return the standard deviation of a model's torque (N,) in N·m; empty if there is none."""
     try:
-        return model.predict_std(q)[0]
-    except (DataError, np.linalg.LinAlgError):
+        return static_std(model, q[None])[0]
+    except (DataError, ModelMismatchError, np.linalg.LinAlgError):
         return np.zeros(0)
 
 

@@ -10,11 +10,11 @@ from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.noise import outlier_weights, robust_std
 from gravity_comp_ros.regression.alternatives import (
-    Alternative, alternatives, covariance_of_omitted, excluded_alternatives)
+    Alternative, alternatives, excluded_alternatives)
 from gravity_comp_ros.regression.candidates import Candidates, candidates_of
 from gravity_comp_ros.regression.design import Pool
 from gravity_comp_ros.regression.exchanges import run
-from gravity_comp_ros.regression.gains import gain, Score, score_of, without_weak
+from gravity_comp_ros.regression.gains import gain, score_of, without_weak
 from gravity_comp_ros.regression.linear import (
     gauss_newton, Linear, with_better_direction, with_exact_angles)
 from gravity_comp_ros.regression.noise import (
@@ -24,8 +24,8 @@ from gravity_comp_ros.regression.problem import Problem
 from gravity_comp_ros.regression.search import Search
 from gravity_comp_ros.regression.shared import Shared
 from gravity_comp_ros.regression.term import Key, Term
+from gravity_comp_ros.regression.uncertainty import Uncertainty, uncertainty_of
 import numpy as np
-from scipy.special import softmax
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +34,9 @@ class Regression:
     The result: the shared part at its estimate, and the posterior of all coefficients.
 
     `alternatives` are, by the key of a term, the terms that explain the data as well. `gains` are
-    the gains of the terms in nats, `stds` the standard deviations of their coefficients with the
-    error of their law, `size_stds` that of a common factor of all coefficients of a term, whose
-    estimate is 1. `identified` is the share of each coefficient's torque (RMS) that all other
-    columns leave, `unabsorbed` that of a term's whole torque that other terms leave. `motion` is
-    that of the samples at the estimated gravity. `covariance` (P, P) is that of the shared part,
-    over the alternatives too.
+    the gains of the terms in nats. `identified` is the share of each coefficient's torque (RMS)
+    that all other columns leave, `unabsorbed` that of a term's whole torque that other terms
+    leave. `motion` is that of the samples at the estimated gravity.
     """
 
     problem: Problem
@@ -50,11 +47,9 @@ class Regression:
     motion: Motion
     alternatives: Mapping[Key, tuple[Key, ...]]
     gains: Mapping[Key, float]
-    stds: Mapping[Key, FloatArray]
-    size_stds: Mapping[Key, float]
+    uncertainty: Uncertainty
     identified: Mapping[Key, FloatArray]
     unabsorbed: Mapping[Key, float]
-    covariance: FloatArray
     steps: int
     converged: bool
 
@@ -151,37 +146,16 @@ def regress(problem: Problem, shared: Shared, effects: Sequence[Effect],
     scores = {term.key: score_of(published.without((term,)), term) for term in published.terms}
     gains = {term.key: gain(published.without((term,)), scores[term.key])
              for term in published.terms}
-    omitted = covariance_of_omitted(search)
-    by_omitted = {term.key: omitted[np.ix_(at, at)] for term, at in search.posterior.at.items()}
-    stds, size_stds, unabsorbed = {}, {}, {}
-    for term in published.terms:
-        at, key = published.at[term], term.key
-        beta, covariance = published.beta[at], published.covariance[np.ix_(at, at)]
-        unabsorbed[key] = scores[key].share_left(beta)
-        stds[key], size_stds[key] = _stds(scores[key], beta, covariance + by_omitted[key],
-                                          options.law_error)
-    covariance = _covariance(search, published, [a for each in ambiguous.values() for a in each])
-    covariance += omitted[:len(covariance), :len(covariance)]
+    uncertainty = uncertainty_of(search, published, ambiguous)
+    unabsorbed = {term.key: scores[term.key].share_left(published.beta[at])
+                  for term, at in published.at.items()}
     published = replace(published, beta=fit.at_point().beta)
     return Regression(problem, fit.shared, published, fit.posterior.precision, search.candidates,
                       fit.factory.motion,
                       {key: tuple(dict.fromkeys(other.term.key for other in others))
-                       for key, others in ambiguous.items()}, gains, stds, size_stds,
-                      {key: s.identified for key, s in scores.items()}, unabsorbed, covariance,
-                      steps, converged)
-
-
-def _stds(score: Score, beta: FloatArray, covariance: FloatArray,
-          law_error: float) -> tuple[FloatArray, float]:
-    """
-    Return the standard deviations (K,) of a term's coefficients, and that of their common factor.
-
-    The estimate of the factor is 1. The error of the law is in both.
-    """
-    variance = np.diag(covariance) + (law_error * score.leverage(beta)) ** 2
-    information = max(float(beta @ np.linalg.solve(covariance, beta)), 1e-300)
-    of_law = law_error / max(score.share_left(beta), 1e-300)
-    return np.asarray(np.sqrt(variance)), float(np.hypot(information ** -0.5, of_law))
+                       for key, others in ambiguous.items()}, gains, uncertainty,
+                      {key: s.identified for key, s in scores.items()}, unabsorbed, steps,
+                      converged)
 
 
 def _published(fit: Linear) -> Posterior:
@@ -272,19 +246,3 @@ def _ambiguous(search: Search, term: Term) -> list[Alternative]:
               if other.log_evidence > chosen.log_evidence - margin),
             *(other for other in untested
               if other.posterior.likelihood_and_odds > chosen.likelihood_and_odds - margin)]
-
-
-def _covariance(search: Search, posterior: Posterior,
-                others: Sequence[Alternative]) -> FloatArray:
-    """
-    Return the covariance (P, P) of the shared part about the estimate, over alternatives too.
-
-    Each has the probability of its evidence, and the shared part with the selected terms replaced.
-    """
-    p, chosen = posterior.design.n_shared, search.posterior
-    evidence = np.array([chosen.log_evidence, *(other.log_evidence for other in others)])
-    probabilities = softmax(evidence)[1:]
-    steps = np.zeros((p, len(others)))
-    for k, other in enumerate(others):
-        steps[:, k] = other.posterior.beta[:p] - chosen.beta[:p]
-    return np.asarray(posterior.covariance[:p, :p] + (steps * probabilities) @ steps.T)

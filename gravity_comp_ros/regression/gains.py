@@ -77,18 +77,6 @@ class Score:
         rest, whole = (float(beta @ each @ beta) for each in (self.information, self.own))
         return float(np.sqrt(max(rest, 0.0) / max(whole, 1e-300)))
 
-    def leverage(self, beta: FloatArray) -> FloatArray:
-        """
-        Return the largest error (K,) of the coefficients per error of the law.
-
-        The error of a law is a share of the term's torque (RMS) at coefficients `beta` (K,). The
-        part that looks like what all other columns leave of a coefficient's column changes it. A
-        column of which nothing is left has the uncertainty of its prior already.
-        """
-        torque, rest = np.sqrt(beta @ self.own @ beta), self.identified * np.sqrt(
-            np.diag(self.own))
-        return np.divide(torque, rest, out=np.zeros_like(rest), where=rest > 0.0)
-
 
 def shares_left(information: FloatArray, size: FloatArray) -> FloatArray:
     """

@@ -162,14 +162,15 @@ def test_the_common_factor_of_the_coefficients_decides_whether_an_effect_may_be_
         offset_estimate, size_std, verdict):
     """Intervals of collinear coefficients all cover 0 although their sum is certain."""
     regression = offset_estimate.regression
+    own = regression.uncertainty
     for term in regression.terms:
         if term.n_columns == 1:
             (size,) = regression.posterior.beta[regression.posterior.at[term]]
-            assert regression.size_stds[term.key] == pytest.approx(
-                regression.stds[term.key][0] / abs(size), rel=1e-2)
-    wide = replace(offset_estimate, regression=replace(
-        regression, stds={key: 1e3 * each for key, each in regression.stds.items()},
-        size_stds=dict.fromkeys(regression.size_stds, size_std)))
+            assert own.size_stds[term.key] == pytest.approx(
+                own.stds[term.key][0] / abs(size), rel=1e-2)
+    wide = replace(offset_estimate, regression=replace(regression, uncertainty=replace(
+        own, stds={key: 1e3 * each for key, each in own.stds.items()},
+        size_stds=dict.fromkeys(own.size_stds, size_std))))
     finding, = (f for f in conclude(wide, None).findings if f.effect == 'torque_offset')
     assert finding.verdict == verdict
 

@@ -307,7 +307,8 @@ def test_intervals_contain_a_term_that_is_too_small_to_be_selected():
         for joint in range(10):
             key = 'coulomb_friction', joint
             if ('viscous_friction', joint) not in estimates:
-                covered.append(abs(estimates[key][0][0] - 0.5) < 1.96 * result.stds[key][0])
+                std = result.uncertainty.stds[key][0]
+                covered.append(abs(estimates[key][0][0] - 0.5) < 1.96 * std)
     assert len(covered) >= 5 and np.mean(covered) > 0.8
 
 
