@@ -141,6 +141,13 @@ class Arm:
         return True, f'torque ramps {where} over {self.settings.ramp_time} s{end}'
 
     @property
+    def outside(self) -> FloatArray:
+        """Distance (N,) in rad of the last pose from the trained range."""
+        if self.in_use is None or self.pose is None:
+            return np.zeros(len(self.joints))
+        return self.in_use.model.coverage.distance(self.pose)
+
+    @property
     def limit_source(self) -> str:
         """The source of the torque limits; with `none` no torque is published."""
         return self._source_with(self.settings)
@@ -252,7 +259,8 @@ class Arm:
         gravity = in_use.model.predict_one(reading.q)
         error, residual = in_use.residual(reading, gravity, sample.qdd)
         self._residuals.append(np.array((error, residual)))
-        if has_moved and not in_use.distance(reading.q).any():
+        if has_moved and (
+                not in_use.model.coverage.distance(reading.q).any()):
             self.watch.offer(sample, gravity, residual)
 
     def take_residual(self) -> FloatArray | None:

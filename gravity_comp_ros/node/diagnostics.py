@@ -103,7 +103,7 @@ def feedforward_status(arm: Arm, now: float) -> Status:
     """Return the state of the published torque."""
     in_use, state = arm.in_use, arm.feed.state(now)
     effects, problem = ((), '') if in_use is None else (in_use.published, in_use.problem)
-    outside = 0.0 if in_use is None or arm.pose is None else float(in_use.distance(arm.pose).max())
+    outside = float(arm.outside.max())
     values = {'enabled': str(arm.feed.enabled).lower(),
               'outside trained range [rad]': f'{outside:.3f}', 'torque limits': arm.limit_source,
               'static effects': ', '.join(effects) or 'none'}
@@ -134,11 +134,11 @@ def joint_statuses(arm: Arm) -> list[Status]:
     """
     statuses, in_use, span = [], arm.in_use, arm.epoch.span()
     residual = arm.take_residual()
-    outside = None if in_use is None or arm.pose is None else in_use.distance(arm.pose)
+    outside = arm.outside
     for k, name in enumerate(arm.joints):
         values = {'range in this epoch [rad]': f'{span[k]:.3f}'}
         level, message = OK, 'no model' if in_use is None else 'ok'
-        if in_use is not None and outside is not None:
+        if in_use is not None and arm.pose is not None:
             values['training residual [Nm]'] = f'{in_use.model.noise[k]:.4f}'
             values['outside trained range [rad]'] = f'{outside[k]:.3f}'
         if in_use is not None and residual is not None:
@@ -148,7 +148,7 @@ def joint_statuses(arm: Arm) -> list[Status]:
             message = f'residual {whole:.3g} N·m'
             ratio = other / expected_residual(in_use.model)[k]
             if not arm.epoch.is_open and ratio > CHECKS.max_unpredicted and (
-                    outside is None or not outside.any()):
+                    not outside.any()):
                 level = WARN
                 message += (f', {ratio:.0f} times that of the training: another payload? call '
                             'payload_changed')

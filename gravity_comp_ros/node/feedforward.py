@@ -21,7 +21,7 @@ import math
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import Coverage
-from gravity_comp_ros.node.options import NODE, REVOLUTION
+from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 
@@ -48,31 +48,11 @@ class TorqueSource:
     coverage: Coverage
     reach: float = math.inf
 
-    def nearest(self, q: FloatArray, last: FloatArray | None = None) -> FloatArray:
-        """
-        Return pose q (N,) without the whole revolutions of joints outside the trained range.
-
-        Gravity has a period of one revolution, so the torque is the same. Half a revolution from
-        the middle of the range another pose becomes the nearest one, and a held torque another
-        torque: for `NODE.turn_margin` more, the pose goes on from the `last` one (N,).
-        """
-        outside = self.coverage.distance(q) > 0.0
-        if not outside.any():
-            return q
-        low, high = self.coverage.q_min, self.coverage.q_max
-        middle = 0.5 * (low + high)
-        nearest = q - REVOLUTION * np.round((q - middle) / REVOLUTION)
-        if last is not None:
-            kept = np.maximum(0.5 * (high - low), math.pi) + NODE.turn_margin
-            further = q - REVOLUTION * np.round((q - last) / REVOLUTION)
-            nearest = np.where(np.abs(further - middle) > kept, nearest, further)
-        return np.where(outside, nearest, q)
-
     def torque(self, q: FloatArray, margin: float) -> FloatArray:
         """
-        Return the torque (N,) in N·m, beyond the margin in rad that of the nearest pose within it.
+        Return the torque (N,) in N·m at pose q (N,), rad.
 
-        :param q: pose (N,), rad, the `nearest` one.
+        Beyond the margin in rad it is that of the nearest pose within it.
         """
         return self.predict(np.minimum(np.maximum(q, self.coverage.q_min - margin),
                                        self.coverage.q_max + margin))
@@ -115,8 +95,9 @@ class FeedForward:
         self._offset = self._speed = self._zero
         # The definition of the present target.
         self._phase: tuple[object, ...] = ()
-        # The last pose, without whole revolutions.
+        # The last pose, and the number of jumps of joints to another revolution.
         self._pose: FloatArray | None = None
+        self._turns = 0
         self._fresh = self._now = None
         # Mean period of the messages, s; 0 before there are two.
         self._period = 0.0
@@ -134,7 +115,7 @@ class FeedForward:
 
     def update(self, now: float, q: FloatArray) -> FloatArray | None:
         """
-        Return the torque (N,) in N·m to publish at pose `q` (N,), None for nothing.
+        Return the torque (N,) in N·m to publish at pose `q` (N,), rad, None for nothing.
 
         A torque of the model that is not finite counts as missing input for the watchdog.
         """
@@ -142,16 +123,16 @@ class FeedForward:
         if source is None:
             self._fresh = now
             return None
-        self._pose = pose = source.nearest(q, self._pose)
-        torque = source.torque(pose, self.margin)
+        before, self._pose = self._pose, q
+        self._turns += before is not None and bool((np.abs(q - before) > math.pi).any())
+        torque = source.torque(q, self.margin)
         if not np.isfinite(torque).all():
             return None
         self._fresh = now
         if self._due(now) == DISABLED:
             return None if self._is_at_rest() else self._published(self._zero, (DISABLED,), dt)
-        turns = np.round((q - pose) / REVOLUTION).tolist()
         return self._published(self._clipped(torque), (
-            ACTIVE, source, self.margin, self.options.max_torque, *turns), dt)
+            ACTIVE, source, self.margin, self.options.max_torque, self._turns), dt)
 
     def watch(self, now: float) -> FloatArray | None:
         """Return the torque to publish without input, None if none is due."""

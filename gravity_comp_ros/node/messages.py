@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import Any, get_args, Literal
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -50,6 +51,27 @@ class CompleteReading(Reading):
     tau: FloatArray
 
 
+def nearest_revolution(trained: Coverage, q: FloatArray, last: FloatArray) -> FloatArray:
+    """
+    Return a pose q (N,) whose joints outside the trained range are in the nearest revolution.
+
+    A driver may wrap an angle, or count revolutions in another way after a start. Gravity is the
+    same; a spring is not, and a change of the model would widen the range by a revolution. Half a
+    revolution from the middle of the range another pose becomes the nearest one, and a held torque
+    another torque: for `NODE.turn_margin` more, the pose goes on from the `last` one (N,).
+    """
+    outside = trained.distance(q) > 0.0
+    if not outside.any():
+        return q
+    middle = 0.5 * (trained.q_min + trained.q_max)
+    kept = np.maximum(trained.q_max - middle, math.pi) + NODE.turn_margin
+    nearest, further = (q - REVOLUTION * np.round((q - near) / REVOLUTION)
+                        for near in (middle, last))
+    # NaN of no last pose is not near.
+    nearest = np.where(np.abs(further - middle) <= kept, further, nearest)
+    return np.where(outside, nearest, q)
+
+
 class JointStateReader:
     """
     Reads messages of one arm; counts every fault by its reason in `counts`.
@@ -77,10 +99,9 @@ class JointStateReader:
         self._names: list[str] | None = None
         self._order = np.zeros(0, dtype=np.intp)
         self._last, self._had_no_stamp = -np.inf, False
-        # The trained range of the model in use, the revolutions (N,) in rad by which the driver
-        # counts otherwise, and the last pose.
+        # The trained range of the model in use, and the last pose.
         self.trained: Coverage | None = None
-        self._turned, self._q = np.zeros(len(joints)), np.full(len(joints), np.nan)
+        self._q = np.full(len(joints), np.nan)
         # Stamps of consecutive messages that were rejected as earlier.
         self._rejected: list[float] = []
         # Time, position and velocity of the messages within the slope window.
@@ -133,7 +154,9 @@ class JointStateReader:
             new_run = True
             self.counts['clock_jump'] += 1
         self._rejected.clear()
-        q, before = self._in_trained_revolution(q), self._q
+        before = self._q
+        if self.trained is not None:
+            q = nearest_revolution(self.trained, q, before)
         new_run |= bool((np.abs(q - before) > 0.5 * REVOLUTION).any())
         if new_run:
             self._past.clear()
@@ -143,23 +166,6 @@ class JointStateReader:
         if qd is None or tau is None:
             return Reading(t, q, qd, tau, new_run)
         return CompleteReading(t, q, qd, tau, new_run)
-
-    def _in_trained_revolution(self, q: FloatArray) -> FloatArray:
-        """
-        Return a pose with the revolutions of joints as the model in use counts them.
-
-        A driver may count them in another way after a start. Gravity is the same; a spring is not,
-        and a change of the model would widen the trained range by a revolution.
-        """
-        q, trained = q - self._turned, self.trained
-        if trained is None or not (distance := trained.distance(q)).any():
-            return q
-        low, high = trained.q_min, trained.q_max
-        other = q - REVOLUTION * np.round((q - 0.5 * (low + high)) / REVOLUTION)
-        further, margin = trained.distance(other), NODE.turn_margin
-        is_other = (further <= margin) & (distance > further + margin) & (high - low < REVOLUTION)
-        self._turned = self._turned + np.where(is_other, q - other, 0.0)
-        return np.where(is_other, other, q)
 
     def _is_recent(self, age: float) -> bool:
         self.age = age

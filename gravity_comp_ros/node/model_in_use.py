@@ -87,7 +87,3 @@ class ModelInUse:
         if reading.new_run:
             self._external.restart()
         return self._external.add(reading.t, reading.q, reading.qd, reading.tau)
-
-    def distance(self, q: FloatArray) -> FloatArray:
-        """Return the distance outside the trained range (N,), rad, modulo whole revolutions."""
-        return self.model.coverage.distance(self.source.nearest(q))

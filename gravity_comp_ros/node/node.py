@@ -308,7 +308,7 @@ class GravityCompNode(LifecycleNode):
         if (self._active and outputs is not None and arm is not None and arm.in_use is not None
                 and arm.pose is not None and outputs.is_read('extrapolation')):
             outputs.joints('extrapolation', self.get_clock().now().to_msg(),
-                           arm.in_use.distance(arm.pose), std_of(arm.in_use.model, arm.pose))
+                           arm.outside, std_of(arm.in_use.model, arm.pose))
 
     def _on_report(self) -> None:
         if self._core is not None and self._outputs is not None:

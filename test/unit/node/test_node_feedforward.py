@@ -6,6 +6,7 @@ import math
 from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.node import feedforward as ff
 from gravity_comp_ros.node.feedforward import FeedForward, TorqueSource
+from gravity_comp_ros.node.messages import nearest_revolution
 from gravity_comp_ros.node.parameters import Parameters
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -300,17 +301,25 @@ def test_a_burst_after_a_pause_delays_the_torque_only_briefly():
     assert float(feed.update(10.3, np.full(1, 3.0))[0]) == pytest.approx(30.0)
 
 
+def turned(feed, start, poses, step=0.01):
+    """Return the torques for poses of the driver, which the reader of the messages counts."""
+    torques, last = [], np.array([np.nan])
+    for k, q in enumerate(poses):
+        last = nearest_revolution(feed._source.coverage, np.array([q]), last)
+        torques.append(float(feed.update(start + step * k, last)[0]))
+    return np.array(torques)
+
+
 @settings(max_examples=50)
 @given(st.floats(-3, 3), st.integers(-5, 5), st.sampled_from([0.5, 10.0]))
 def test_torque_has_a_period_of_one_revolution(q, revolutions, margin):
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation_margin=margin))
     feed.use(source(lambda q: 10.0 * np.sin(q), high=2.0))
-    here = feed.update(0.0, np.array([q]))
     # A driver may count revolutions in another way after a start, or wrap the angle.
-    there = feed.update(0.1, np.array([q + 2 * np.pi * revolutions]))
+    here, there = turned(feed, 0.0, (q, q + 2 * np.pi * revolutions))
     if -1.0 <= q <= 2.0:
-        np.testing.assert_allclose(there, 10.0 * np.sin(q), atol=1e-9)
-    np.testing.assert_allclose(there, here, atol=1e-9)
+        assert there == pytest.approx(10.0 * np.sin(q), abs=1e-9)
+    assert there == pytest.approx(here, abs=1e-9)
 
 
 @pytest.mark.parametrize('path', ['turn', 'stand', 'wrap'])
@@ -323,19 +332,18 @@ def test_torque_does_not_step_half_a_revolution_from_the_trained_range(path):
         turn = np.concatenate((turn[turn < 3.14], np.pi + 1e-3 * rng.standard_normal(500)))
     if path == 'wrap':
         turn = (turn + np.pi) % (2 * np.pi) - np.pi
-    torques = np.array([played(feed, 0.01 * k, 1, np.array([q]))[0] for k, q in enumerate(turn)])
+    torques = turned(feed, 0.0, turn)
     # A fifth of the limit within `ramp_time`, and the motion of 1 rad/s within the range.
     assert np.abs(np.diff(torques)).max() <= 0.01 * (20.0 + 50.0) + 1e-6
     if path != 'turn':
         assert torques[-300:].std() < 1e-9
     else:
-        later = [played(feed, 6.28 + 0.01 * k, 1, Q)[0] for k in range(500)]
-        assert later[-1] == pytest.approx(0.0)
+        assert turned(feed, 6.28, np.zeros(500))[-1] == pytest.approx(0.0)
 
 
 def test_a_joint_whose_range_exceeds_a_revolution_has_its_own_revolution_within_it():
     feed = FeedForward(1, replace(FREE, ramp_time=0.0))
     feed.use(source(lambda q: 10.0 * q, high=6.0))
-    for k, (q, turns) in enumerate(((5.9, 0), (6.1, 0), (6.3, 1), (6.1, 1), (5.9, 0), (-0.9, 0))):
-        assert played(feed, 0.1 * k, 1, np.array([q])) == pytest.approx(
-            [10.0 * (q - 2 * np.pi * turns)])
+    turns = np.array([0, 0, 1, 1, 0, 0])
+    poses = np.array([5.9, 6.1, 6.3, 6.1, 5.9, -0.9])
+    assert turned(feed, 0.0, poses) == pytest.approx(10.0 * (poses - 2 * np.pi * turns))
