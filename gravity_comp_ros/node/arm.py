@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
 from gravity_comp_ros.data.gate import Gate, GateOptions, RATE
@@ -46,6 +46,18 @@ class ArmDescription:
     is_other: bool = False
 
 
+@dataclass
+class Kept:
+    """
+    What stays through a cleanup of the node, and where an arm replaces a gripper.
+
+    Whether torque is allowed, and the torque in N·m by joint that controllers have kept.
+    """
+
+    is_allowed: bool = True
+    torque: Mapping[str, float] = field(default_factory=dict)
+
+
 def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
     """Return the description of these joints in a URDF; errors go to `problem`."""
     continuous: tuple[str, ...] = ()
@@ -82,22 +94,22 @@ class Arm:
     """
     The state that exists once the joint names are known.
 
-    :param is_allowed: whether torque is allowed.
     :param model: the model of the present payload, from a file; None to learn one.
     """
 
-    def __init__(self, joints: tuple[str, ...], settings: Parameters, is_allowed: bool,
+    def __init__(self, joints: tuple[str, ...], settings: Parameters, kept: Kept,
                  model: GravityModel | None = None) -> None:
         self.joints = joints
         self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints,
                                        settings.max_age)
         self.described = ArmDescription()
-        self.is_allowed = is_allowed
+        self.kept = kept
         self.gate_counts: Counter[str] = Counter()
-        # The torque published last, and that before the newest messages; NaN for none.
-        self._sent = self._sent_before = np.full(len(joints), np.nan)
+        # The torque that was published before the newest messages; NaN for none.
+        self._sent = np.full(len(joints), np.nan)
         self.delayed = DelayedSamples()
         self.feed = FeedForward(len(joints), settings)
+        self.feed.last = np.array([kept.torque.get(name, 0.0) for name in joints])
         self.epoch = Epoch(0, joints, settings, model, is_open=model is None)
         self.watch = Watch(settings.suspect_after)
         self.learn_from = 0.0
@@ -131,7 +143,7 @@ class Arm:
         """
         if enabled and self.limit_source == 'none':
             return False, NO_LIMITS
-        self.is_allowed = enabled
+        self.kept.is_allowed = enabled
         self._limit()
         if self.in_use is None:
             return True, ('no model yet; torque ramps up once there is one' if enabled else
@@ -175,7 +187,7 @@ class Arm:
         if source == SOURCE:
             settings = replace(settings, max_torque=self.described.max_effort)
         self.feed.set_options(settings)
-        self.feed.enabled = self.is_allowed and source != 'none'
+        self.feed.enabled = self.kept.is_allowed and source != 'none'
 
     def set(self, settings: Parameters) -> None:
         """Use other settings from now on."""
@@ -209,22 +221,15 @@ class Arm:
         :param learned: the number of its training samples; 0 for a model from a file.
         """
         self.watch.use(model, before, learned)
-        self.in_use = ModelInUse(model)
-        self.feed.use(self.in_use.source)
+        self.in_use = in_use = ModelInUse(model)
+        self.feed.use(in_use.static, model.coverage, in_use.reach)
         self.reader.trained = model.coverage
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
-        self.last_seen, self.pose, self._sent_before = now, reading.q, self._sent
-        return self._recorded(self.feed.update(now, reading.q))
-
-    def watchdog(self, now: float) -> FloatArray | None:
-        """Return the torque (N,) in N·m that input which has stopped requires, None for none."""
-        return self._recorded(self.feed.watch(now))
-
-    def _recorded(self, tau: FloatArray | None) -> FloatArray | None:
-        self._sent = self._sent if tau is None else tau
-        return tau
+        self.last_seen, self.pose = now, reading.q
+        self._sent = np.where(self.feed.is_publishing, self.feed.last, np.nan)
+        return self.feed.update(now, reading.q)
 
     def learn(self, reading: Reading, now: float) -> None:
         """
@@ -240,7 +245,7 @@ class Arm:
         if not isinstance(reading, CompleteReading) or now < self.learn_from:
             return
         reason = self.gate.offer(reading.t, reading.qd)
-        self.delayed.add(reading, self._sent_before, reason is None)
+        self.delayed.add(reading, self._sent, reason is None)
         if reason not in (None, RATE):
             self.gate_counts[reason] += 1
         for sample in self.delayed.due(reading.t):

@@ -16,7 +16,7 @@ Then the limits of rate and size apply.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -36,26 +36,8 @@ FADING = 'stale, fading'
 FADED = 'stale, faded to zero'
 
 
-@dataclass(frozen=True, eq=False)
-class TorqueSource:
-    """
-    A model for the feed-forward: the static torque (N,) in N·m at a pose, and its trained range.
-
-    `reach` in rad bounds the margin of extrapolation.
-    """
-
-    predict: Callable[[FloatArray], FloatArray]
-    coverage: Coverage
-    reach: float = math.inf
-
-    def torque(self, q: FloatArray, margin: float) -> FloatArray:
-        """
-        Return the torque (N,) in N·m at pose q (N,), rad.
-
-        Beyond the margin in rad it is that of the nearest pose within it.
-        """
-        return self.predict(np.minimum(np.maximum(q, self.coverage.q_min - margin),
-                                       self.coverage.q_max + margin))
+# The static torque (N,) in N·m at a pose (N,) in rad.
+Torque = Callable[[FloatArray], FloatArray]
 
 
 class FeedForward:
@@ -63,14 +45,17 @@ class FeedForward:
 
     def __init__(self, n_joints: int, options: Parameters) -> None:
         self._n = n_joints
+        # The torque published last, N·m.
+        self.last = self._zero = np.zeros(n_joints)
         # Whether torque is allowed; it ramps either way.
         self.enabled = True
-        self._source: TorqueSource | None = None
+        self._predict: Torque | None = None
+        self._coverage, self._reach = Coverage(self._zero, self._zero, 0), math.inf
+        # Number of changes of the torque that is due at a pose: another model or revolution.
+        self._changes = 0
         # Time of the last message with a torque, and of the last call.
         self._fresh: float | None = None
         self._now: float | None = None
-        # The torque published last, N·m.
-        self.last = self._zero = np.zeros(n_joints)
         self.restart()
         self.set_options(options)
 
@@ -81,9 +66,14 @@ class FeedForward:
             np.broadcast_to(np.asarray(values, dtype=np.float64), (self._n,)) if values else None
             for values in (options.max_torque, options.max_torque_rate))
 
-    def use(self, source: TorqueSource) -> None:
-        """Change to the torque of another source."""
-        self._source = source
+    def use(self, predict: Torque, coverage: Coverage, reach: float = math.inf) -> None:
+        """
+        Change to the torque of another model.
+
+        :param coverage: its trained range. :param reach: bounds the margin of extrapolation, rad.
+        """
+        self._predict, self._coverage, self._reach = predict, coverage, reach
+        self._changes += 1
 
     def fail(self) -> None:
         """Treat the input as lost: `watch`, whose clock may be another, ends the torque."""
@@ -95,9 +85,7 @@ class FeedForward:
         self._offset = self._speed = self._zero
         # The definition of the present target.
         self._phase: tuple[object, ...] = ()
-        # The last pose, and the number of jumps of joints to another revolution.
         self._pose: FloatArray | None = None
-        self._turns = 0
         self._fresh = self._now = None
         # Mean period of the messages, s; 0 before there are two.
         self._period = 0.0
@@ -110,8 +98,7 @@ class FeedForward:
     @property
     def margin(self) -> float:
         """Distance outside the trained range up to which the model is used unchanged, rad."""
-        reach = math.inf if self._source is None else self._source.reach
-        return min(self.options.extrapolation_margin, reach)
+        return min(self.options.extrapolation_margin, self._reach)
 
     def update(self, now: float, q: FloatArray) -> FloatArray | None:
         """
@@ -119,24 +106,26 @@ class FeedForward:
 
         A torque of the model that is not finite counts as missing input for the watchdog.
         """
-        dt, source = self._step(now, is_message=True), self._source
-        if source is None:
+        dt, predict = self._step(now, is_message=True), self._predict
+        if predict is None:
             self._fresh = now
             return None
-        before, self._pose = self._pose, q
-        self._turns += before is not None and bool((np.abs(q - before) > math.pi).any())
-        torque = source.torque(q, self.margin)
+        before, self._pose, range_ = self._pose, q, self._coverage
+        self._changes += before is not None and bool((np.abs(q - before) > math.pi).any())
+        # Beyond the margin the torque is that of the nearest pose within it.
+        torque = predict(np.minimum(np.maximum(q, range_.q_min - self.margin),
+                                    range_.q_max + self.margin))
         if not np.isfinite(torque).all():
             return None
         self._fresh = now
         if self._due(now) == DISABLED:
             return None if self._is_at_rest() else self._published(self._zero, (DISABLED,), dt)
         return self._published(self._clipped(torque), (
-            ACTIVE, source, self.margin, self.options.max_torque, self._turns), dt)
+            ACTIVE, self._changes, self.margin, self.options.max_torque), dt)
 
     def watch(self, now: float) -> FloatArray | None:
         """Return the torque to publish without input, None if none is due."""
-        if self._fresh is None or self._source is None:
+        if self._fresh is None or self._predict is None:
             return None
         # After the clock was set back, old input must not count as recent.
         self._fresh = min(self._fresh, now)
@@ -150,7 +139,7 @@ class FeedForward:
 
     def state(self, now: float) -> str:
         """Return the state, one of the constants above."""
-        if self._source is None:
+        if self._predict is None:
             return NO_MODEL
         if self._fresh is None:
             return WAITING
@@ -193,9 +182,9 @@ class FeedForward:
             step = self._speed * dt
             offset = self._offset - np.minimum(np.maximum(self._offset, -step), step)
             offset[np.abs(offset) < NODE.rounding] = 0.0
-            torque = np.minimum(np.maximum(target + offset, np.minimum(last, target)),
-                                np.maximum(last, target))
-            self._offset = torque - target
+            self._offset = np.minimum(np.maximum(offset, np.minimum(last - target, 0.0)),
+                                      np.maximum(last - target, 0.0))
+            torque = target + self._offset
         if self._rate is not None:
             step = self._rate * dt
             torque = np.minimum(np.maximum(torque, last - step), last + step)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -10,7 +11,6 @@ from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.evaluation.external_torque import (
     ExternalTorque, ExternalTorqueObserver, ExternalTorqueOptions)
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.node.feedforward import TorqueSource
 from gravity_comp_ros.node.messages import CompleteReading, Reading
 import numpy as np
 
@@ -31,7 +31,7 @@ class ModelInUse:
     """
     A model with its effects, sample by sample in order of time.
 
-    `source` is the torque to publish: gravity and the static effects `published` (`NAME:JOINT`).
+    `static` is the torque to publish: gravity and the static effects `published` (`NAME:JOINT`).
     `problem` gives the reason why another effect of the model is left out, else it is empty.
     """
 
@@ -43,20 +43,19 @@ class ModelInUse:
         self._fitted = LiveEffects(model, model.fitted.effects)
         self._external: ExternalTorqueObserver | None = None
         static = LiveEffects(model, static_effects(model.applied.effects))
-        rest = np.zeros(model.n_joints)
         self.published, self.problem = static.targets, self._effects.problem
         if static.left_out and not self.problem:
             self.problem = f'without {", ".join(static.left_out)}, which depends on time'
 
-        def torque(q: FloatArray) -> FloatArray:
-            gravity, range_ = model.predict_one(q), model.coverage
-            inside = np.minimum(np.maximum(q, range_.q_min), range_.q_max)
-            # A spring or a stop, unlike gravity, grows without limit outside the trained range.
-            return gravity + static.torque(inside, rest, gravity)
+        # The torque to publish at a pose, and how far it is extrapolated, rad.
+        self.static = partial(self._static, static) if static.targets else model.predict_one
+        self.reach = PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf
 
-        self.source = TorqueSource(
-            torque if static.targets else model.predict_one, model.coverage,
-            PER_JOINT_REACH if model.formulation == 'per_joint' else math.inf)
+    def _static(self, effects: LiveEffects, q: FloatArray) -> FloatArray:
+        gravity, range_ = self.model.predict_one(q), self.model.coverage
+        # A spring or a stop, unlike gravity, grows without limit outside the trained range.
+        inside = np.minimum(np.maximum(q, range_.q_min), range_.q_max)
+        return gravity + effects.torque(inside, np.zeros_like(q), gravity)
 
     def predicted(self, reading: Reading) -> FloatArray:
         """Return gravity (N,) in N·m plus all effects that depend on pose and speed alone."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 import time
@@ -10,7 +10,7 @@ import traceback
 from typing import Any
 
 from gravity_comp_ros.evaluation.external_torque import ExternalTorqueOptions
-from gravity_comp_ros.node.arm import Arm
+from gravity_comp_ros.node.arm import Arm, Kept
 from gravity_comp_ros.node.checks import DIAGNOSIS, ERROR, FIT, OK, STALE, WARN
 from gravity_comp_ros.node.declare import DeclaredParameters, unknown_parameter_warnings
 from gravity_comp_ros.node.diagnostics import Status
@@ -77,10 +77,7 @@ class GravityCompNode(LifecycleNode):
         # Last logged level of each status.
         self._levels: dict[str, int] = {}
         self._active = False
-        # Torque by joint, N·m, that a controller keeps from before a cleanup, and whether torque
-        # was allowed.
-        self._sent: Mapping[str, float] = {}
-        self._is_allowed: bool | None = None
+        self._kept = Kept(self.settings.values.enabled)
         self._clock_is_simulated = False
         self._input = InputGroup()
         self._create_services()
@@ -125,7 +122,7 @@ class GravityCompNode(LifecycleNode):
         if core is None or core.learner is None:
             # Torque can be forbidden in every state.
             if forbids := isinstance(request, SetBool.Request) and not request.data:
-                self._forbid()
+                self._kept.is_allowed = False
             reply(forbids, FORBIDDEN if forbids else UNCONFIGURED if core is None else NO_JOINTS)
         else:
             action(core.learner, request, reply)
@@ -138,11 +135,6 @@ class GravityCompNode(LifecycleNode):
         else:
             self.get_logger().warning(response.message, throttle_duration_sec=0.1)
         return response
-
-    def _forbid(self) -> None:
-        self._is_allowed = False
-        if self._core is not None:
-            self._core.forbid()
 
     def now(self) -> float:
         """Return the time for ramps and watchdog in s: simulated if in use, else monotonic."""
@@ -169,8 +161,7 @@ class GravityCompNode(LifecycleNode):
         # Not at run time: without /clock the watchdog would stand still, and the torque with it.
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
-        self._core = NodeCore(self.settings.values, topic, self.now(), self._sent,
-                              self._is_allowed)
+        self._core = NodeCore(self.settings.values, topic, self.now(), self._kept)
         self._core.fits.prepare()
         if self._core.models.load_problem:
             self.get_logger().error(self._core.models.load_problem)
@@ -211,7 +202,6 @@ class GravityCompNode(LifecycleNode):
         """End the fit process, and destroy topics."""
         self._active = False
         if self._core is not None:
-            self._sent, self._is_allowed = self._core.sent, self._core.is_allowed
             self._core.close()
         for subscription in (self.subscription, self._description):
             if subscription is not None:
@@ -232,7 +222,7 @@ class GravityCompNode(LifecycleNode):
         core, outputs = self._core, self._outputs
         if self._active and outputs is not None and core is not None and core.arm is not None:
             core.arm.feed.fail()
-            while rclpy.ok() and (tau := core.arm.watchdog(self.now())) is not None:
+            while rclpy.ok() and (tau := core.arm.feed.watch(self.now())) is not None:
                 with suppress(Exception):
                     outputs.torque(self.get_clock().now().to_msg(), tau)
                 time.sleep(NODE.watch_period)

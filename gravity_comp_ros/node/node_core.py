@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.joint_order import joint_order
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node import diagnostics
-from gravity_comp_ros.node.arm import Arm, describe_arm
+from gravity_comp_ros.node.arm import Arm, describe_arm, Kept
 from gravity_comp_ros.node.learner import Events, Learner
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import ModelHistory
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
 from gravity_comp_ros.worker.worker_process import command, Worker
-import numpy as np
 
 # Difference of the times of arrival of two messages that were taken at once, s.
 _ORDER = 1e-6
@@ -28,16 +26,13 @@ class NodeCore:
     """
     Reads joint states, learns, and computes the torque to publish.
 
-    :param sent: torque in N·m by joint that controllers have kept, of the core before this one.
-    :param is_allowed: whether torque is allowed; None for the parameter `enabled`.
+    :param kept: what stays from the core before this one.
     :raises OptionError: if the settings contradict each other.
     """
 
     def __init__(self, settings: Parameters, topic: str, now: float,
-                 sent: Mapping[str, float] = MappingProxyType({}),
-                 is_allowed: bool | None = None) -> None:
-        self.settings, self._sent = settings, sent
-        self._is_allowed = settings.enabled if is_allowed is None else is_allowed
+                 kept: Kept | None = None) -> None:
+        self.settings, self._kept = settings, kept or Kept(settings.enabled)
         # Messages that a newer one replaced before they were answered, since the last report.
         self._replaced = 0
         self._topic = topic
@@ -57,23 +52,6 @@ class NodeCore:
             self._begin(names)
 
     @property
-    def sent(self) -> Mapping[str, float]:
-        """The torque published last, N·m, by joint."""
-        return self._sent if self.arm is None else dict(zip(
-            self.arm.joints, self.arm.feed.last.tolist()))
-
-    @property
-    def is_allowed(self) -> bool:
-        """Whether torque is allowed."""
-        return self._is_allowed if self.arm is None else self.arm.is_allowed
-
-    def forbid(self) -> None:
-        """Forbid torque, also of an arm that is not known yet."""
-        self._is_allowed = False
-        if self.arm is not None:
-            self.arm.enable(False)
-
-    @property
     def arm(self) -> Arm | None:
         """The arm, None before its joints are known."""
         return None if self.learner is None else self.learner.arm
@@ -86,10 +64,8 @@ class NodeCore:
 
     def _begin(self, joints: tuple[str, ...]) -> None:
         self.settings.check(joints)
-        # Torque that a call has disabled stays disabled where the arm replaces a gripper.
-        arm = Arm(joints, self.settings, self.is_allowed, self.models.model)
+        arm = Arm(joints, self.settings, self._kept, self.models.model)
         entry = self.models.entry
-        arm.feed.last = np.array([self._sent.get(name, 0.0) for name in joints])
         self.learner = Learner(arm, self.models, self.fits, self.events)
         self.events.log.append((
             False, f'arm of {len(joints)} joints: {", ".join(joints)}; model: '
@@ -202,12 +178,14 @@ class NodeCore:
         if self.learner is None:
             return None
         self.learner.poll(now, now if wall is None else wall)
-        return self.learner.arm.watchdog(now)
+        return self.learner.arm.feed.watch(now)
 
     def close(self) -> None:
         """End the fit process, reply to pending calls, and finish pending saves."""
         if self.learner is not None:
             self.learner.close()
+            arm = self.learner.arm
+            self._kept.torque = dict(zip(arm.joints, arm.feed.last.tolist()))
         self.fits.rest()
         self.models.close()
 

@@ -6,7 +6,7 @@ from bench.shared.node_messages import (
     feed, motion, refit, send_message, slow_state, status, torque, until)
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.node.arm import describe_arm
+from gravity_comp_ros.node.arm import describe_arm, Kept
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
@@ -158,25 +158,23 @@ def test_of_messages_without_stamps_that_wait_the_newest_is_answered(live):
 
 def test_torque_that_is_forbidden_stays_so_through_a_cleanup(model_file):
     """Also before the first message."""
-    settings, is_allowed = Parameters(max_age=0.0, unlimited_torque=True), None
+    settings, kept = Parameters(max_age=0.0, unlimited_torque=True), Kept(False)
     for path in ('', str(model_file)):
-        core = NodeCore(replace(settings, model_file=path), '/joint_states', 0.0, {}, is_allowed)
-        if is_allowed is None:
-            core.forbid()
+        core = NodeCore(replace(settings, model_file=path), '/joint_states', 0.0, kept)
         for k in range(40):
             state = slow_state(1.0 + 0.1 * k, [1.2, 0.9], [0.0, 0.0])
             assert send_message(core, state, 0.1 * k)[1] is None
-        is_allowed = core.is_allowed
         core.close()
-    assert not is_allowed
+    assert not kept.is_allowed
 
 
 def test_after_a_cleanup_torque_goes_on_from_that_published_last(model_file):
     """The controller has kept it: a first torque of zero would drop the arm."""
     settings, pose, sent = Parameters(model_file=str(model_file), max_age=0.0, max_torque=(
         50.0,)), np.array([1.2, 0.9]), {}
+    kept = Kept()
     for _ in range(2):
-        core, torques = NodeCore(settings, '/joint_states', 0.0, sent), []
+        core, torques = NodeCore(settings, '/joint_states', 0.0, kept), []
         try:
             for k in range(400):
                 state = slow_state(1.0 + 0.01 * k, pose, [0.0, 0.0])
@@ -184,7 +182,7 @@ def test_after_a_cleanup_torque_goes_on_from_that_published_last(model_file):
         finally:
             core.close()
         np.testing.assert_allclose(torques[0], sent.get('a', 0.0) and torques[-1])
-        sent = core.sent
+        sent = kept.torque
         assert sent['a'] > 4.0
 
 

@@ -85,7 +85,7 @@ def test_a_per_joint_model_is_held_near_its_range():
     samples = JointSamples.single_run(['a', 'b'], t, q, qd, gravity(q))
     for formulation, reach in (('per_joint', 0.1), ('potential', np.inf)):
         model = fit(samples, FitOptions(formulation)).model
-        assert ModelInUse(model).source.reach == reach
+        assert ModelInUse(model).reach == reach
 
 
 def test_effects_are_fitted_on_request_and_friction_is_not_published(node):

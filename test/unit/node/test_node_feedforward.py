@@ -5,7 +5,7 @@ import math
 
 from gravity_comp_ros.models.gravity_model import Coverage
 from gravity_comp_ros.node import feedforward as ff
-from gravity_comp_ros.node.feedforward import FeedForward, TorqueSource
+from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.messages import nearest_revolution
 from gravity_comp_ros.node.parameters import Parameters
 from hypothesis import given, settings, strategies as st
@@ -17,17 +17,17 @@ FREE = Parameters(ramp_time=1.0, max_torque_rate=(), extrapolation_margin=10.0,
                   stale_after=0.3, hold_time=0.5, fade_time=2.0)
 
 
-def source(predict, reach=math.inf, high=1.0):
-    """Return a source of torque with a trained range from -1 rad."""
-    return TorqueSource(predict, Coverage(np.array([-1.0]), np.array([high]), 1), reach)
+def use(feed, predict, reach=math.inf, high=1.0):
+    """Use a torque with a trained range from -1 rad."""
+    feed.use(predict, Coverage(np.array([-1.0]), np.array([high]), 1), reach)
 
 
 def constant(torque):
-    return source(lambda q: np.full(1, float(torque)))
+    return lambda q: np.full(1, float(torque))
 
 
 def linear(slope=10.0):
-    return source(lambda q: slope * q)
+    return lambda q: slope * q
 
 
 def played(feed, start, n, q=Q, step=0.1):
@@ -38,7 +38,7 @@ def played(feed, start, n, q=Q, step=0.1):
 
 def started(options=FREE, torque=10.0):
     feed = FeedForward(1, options)
-    feed.use(constant(torque))
+    use(feed, constant(torque))
     played(feed, 0.0, 26)
     return feed, 2.5
 
@@ -47,7 +47,7 @@ def test_it_ramps_from_zero_to_the_first_model():
     feed = FeedForward(1, FREE)
     assert feed.update(0.0, Q) is None and feed.watch(9.0) is None
     assert feed.state(9.0) == ff.NO_MODEL
-    feed.use(constant(10.0))
+    use(feed, constant(10.0))
     feed.restart()
     assert feed.watch(9.1) is None and feed.state(9.1) == ff.WAITING
     np.testing.assert_allclose(played(feed, 9.1, 13), [*np.arange(11), 10, 10], atol=1e-9)
@@ -59,7 +59,7 @@ def test_after_a_pause_of_the_life_cycle_torque_goes_on_from_that_published_last
     """The controller has kept it: a first torque of zero would drop the arm."""
     feed, t = started()
     feed.restart()
-    feed.use(constant(20.0))
+    use(feed, constant(20.0))
     feed.enabled = enabled
     assert feed.watch(t + 60.0) is None
     expected = np.arange(10, 21) if enabled else np.arange(10, -1, -1)
@@ -70,7 +70,7 @@ def test_a_change_is_a_ramp_also_within_another_ramp():
     feed, t = started()
     for target, n in ((20.0, 5), (0.0, 10)):
         before = played(feed, t, 1)[0]
-        feed.use(constant(target))
+        use(feed, constant(target))
         np.testing.assert_allclose(
             played(feed, t + 0.1, n), before + (target - before) * 0.1 * np.arange(1, n + 1),
             atol=1e-6)
@@ -83,12 +83,12 @@ def test_a_swap_is_as_slow_as_the_torque_limit_of_the_arm_requires(limit, share)
     """Within `ramp_time` the torque changes by a fifth of the limit at most, for any arm."""
     start = -0.5 * limit if share > 0.0 else 0.5 * limit
     feed = FeedForward(1, Parameters(max_torque_rate=(), max_torque=(limit,)))
-    feed.use(constant(start))
+    use(feed, constant(start))
     t = 0.0
     for _ in range(1500):
         t += 0.004
         feed.update(t, Q)
-    feed.use(constant(start + share * limit))
+    use(feed, constant(start + share * limit))
     torques = [start]
     while abs(torques[-1] - start - share * limit) > 1e-6:
         # Every hundredth message is late by three periods.
@@ -104,12 +104,12 @@ def test_a_swap_is_as_slow_as_the_torque_limit_of_the_arm_requires(limit, share)
 def test_a_swap_within_a_swap_follows_the_pose():
     """The offset of the first swap decays; each swap adds at most the motion of one message."""
     feed = FeedForward(1, FREE)
-    feed.use(linear())
+    use(feed, linear())
     q = np.zeros(1)
     for k in range(26):
         feed.update(0.1 * k, q)
     for swap, slope in enumerate((11.0, 12.0)):
-        feed.use(linear(slope))
+        use(feed, linear(slope))
         for k in range(4):
             q = q + 0.1
             tau = float(feed.update(2.6 + 0.1 * (4 * swap + k), q)[0])
@@ -119,7 +119,7 @@ def test_a_swap_within_a_swap_follows_the_pose():
 def test_a_torque_in_transition_never_moves_away_from_its_target():
     """The arm passes the vertical during the first ramp; the torque does not overshoot."""
     feed, last = FeedForward(1, FREE), 0.0
-    feed.use(linear())
+    use(feed, linear())
     for k in range(20):
         target = 10.0 * (1.0 - 0.2 * k)
         tau = played(feed, 0.05 * k, 1, np.array([0.1 * target]))[0]
@@ -165,7 +165,7 @@ def test_stale_input_holds_then_fades_to_zero_then_publishes_nothing():
 def test_torque_and_its_rate_are_limited():
     options = replace(FREE, ramp_time=0.0, max_torque=(5.0,), max_torque_rate=(20.0,))
     feed = FeedForward(1, options)
-    feed.use(linear())
+    use(feed, linear())
     torques = [float(feed.update(0.1 * k, np.array([1.0 if k < 8 else -1.0]))[0])
                for k in range(14)]
     assert torques == pytest.approx([0, 2, 4, 5, 5, 5, 5, 5, 3, 1, -1, -3, -5, -5])
@@ -182,7 +182,7 @@ def test_a_lowered_limit_applies_at_once():
     ({'extrapolation_margin': 0.5}, {'extrapolation_margin': 1.0})])
 def test_a_parameter_that_changes_the_torque_causes_a_ramp(before, after):
     feed, q = FeedForward(1, replace(FREE, ramp_time=0.0, **before)), np.array([2.0])
-    feed.use(linear())
+    use(feed, linear())
     torques = [played(feed, 0.0, 2, q)[1]]
     feed.set_options(replace(FREE, **{**before, **after} if after else {}))
     torques += played(feed, 0.2, 60, q)
@@ -195,7 +195,7 @@ def test_beyond_a_margin_outside_the_trained_range_torque_is_that_of_the_nearest
         reach, expected):
     """The reach of a model bounds the margin."""
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation_margin=0.5))
-    feed.use(source(lambda q: 10.0 * q, reach=reach))
+    use(feed, lambda q: 10.0 * q, reach=reach)
     assert feed.margin == min(0.5, reach)
     torques = [played(feed, 0.1 * k, 1, np.array([q]))[0]
                for k, q in enumerate((0.0, 1.0, 1.5, 2.0, 2.5))]
@@ -204,10 +204,10 @@ def test_beyond_a_margin_outside_the_trained_range_torque_is_that_of_the_nearest
 
 def test_a_torque_that_is_not_finite_counts_as_missing_input():
     feed, t = started()
-    feed.use(source(lambda q: np.array([np.nan])))
+    use(feed, lambda q: np.array([np.nan]))
     assert feed.update(t + 0.1, Q) is None
     assert float(feed.watch(t + 0.5)[0]) == 10.0
-    feed.use(constant(11.0))
+    use(feed, constant(11.0))
     for k in range(6, 20):
         tau = feed.update(t + 0.1 * k, Q)
     assert float(tau[0]) == pytest.approx(11.0)
@@ -215,7 +215,7 @@ def test_a_torque_that_is_not_finite_counts_as_missing_input():
 
 def test_a_clock_jump_causes_no_torque_step():
     feed = FeedForward(1, replace(FREE, max_torque_rate=(10.0,)))
-    feed.use(constant(100.0))
+    use(feed, constant(100.0))
     feed.update(0.0, Q)
     first = float(feed.update(1e9, Q)[0])
     assert first <= 10.0 * FREE.stale_after + 1e-9
@@ -233,7 +233,7 @@ def test_no_sequence_of_events_exceeds_the_limits(script):
     options = Parameters(ramp_time=0.5, max_torque=(8.0,), max_torque_rate=(50.0,),
                          extrapolation_margin=0.5)
     feed, now, last, budget, seen = FeedForward(1, options), 0.0, 0.0, 0.0, 0.0
-    feed.use(linear())
+    use(feed, linear())
     for what, dt, x in script:
         now += dt * (10 if what == 'silence' else 1)
         budget, seen = budget + max(0.0, now - seen), now
@@ -245,7 +245,7 @@ def test_no_sequence_of_events_exceeds_the_limits(script):
         elif what in ('enable', 'disable'):
             feed.enabled = what == 'enable'
         elif what == 'swap':
-            feed.use(constant(20 * x))
+            use(feed, constant(20 * x))
         if tau is not None:
             assert abs(float(tau[0])) <= 8.0
             # The time of a stall is spread over the messages that follow.
@@ -265,7 +265,7 @@ def test_returning_torque_ramps_from_its_present_value(pause):
     """After a pause and a fade the step of the first message is that of one period."""
     feed = FeedForward(1, replace(FREE, ramp_time=1.0, fade_time=0.1, hold_time=0.0,
                                   max_torque_rate=(1000.0,)))
-    feed.use(constant(10.0))
+    use(feed, constant(10.0))
     for k in range(1, 1500):
         feed.update(0.001 * k, Q)
     t, last = 1.5, 10.0
@@ -282,7 +282,7 @@ def test_returning_torque_ramps_from_its_present_value(pause):
 @pytest.mark.parametrize('stall', [0.05, 0.25, 0.29])
 def test_a_stall_of_a_moving_arm_causes_no_torque_step(stall):
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, max_torque_rate=(500.0,)))
-    feed.use(linear())
+    use(feed, linear())
     for k in range(500):
         last = feed.update(0.004 * k, np.zeros(1))
     torques = [float(last[0]), *(float(feed.update(2.0 + stall + 0.004 * k, np.full(1, 3.0))[0])
@@ -293,7 +293,7 @@ def test_a_stall_of_a_moving_arm_causes_no_torque_step(stall):
 
 def test_a_burst_after_a_pause_delays_the_torque_only_briefly():
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, max_torque_rate=(500.0,)))
-    feed.use(linear())
+    use(feed, linear())
     for k in range(100):
         feed.update(0.1 * k, np.zeros(1))
     for k in range(5):
@@ -305,7 +305,7 @@ def turned(feed, start, poses, step=0.01):
     """Return the torques for poses of the driver, which the reader of the messages counts."""
     torques, last = [], np.array([np.nan])
     for k, q in enumerate(poses):
-        last = nearest_revolution(feed._source.coverage, np.array([q]), last)
+        last = nearest_revolution(feed._coverage, np.array([q]), last)
         torques.append(float(feed.update(start + step * k, last)[0]))
     return np.array(torques)
 
@@ -314,7 +314,7 @@ def turned(feed, start, poses, step=0.01):
 @given(st.floats(-3, 3), st.integers(-5, 5), st.sampled_from([0.5, 10.0]))
 def test_torque_has_a_period_of_one_revolution(q, revolutions, margin):
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation_margin=margin))
-    feed.use(source(lambda q: 10.0 * np.sin(q), high=2.0))
+    use(feed, lambda q: 10.0 * np.sin(q), high=2.0)
     # A driver may count revolutions in another way after a start, or wrap the angle.
     here, there = turned(feed, 0.0, (q, q + 2 * np.pi * revolutions))
     if -1.0 <= q <= 2.0:
@@ -326,7 +326,7 @@ def test_torque_has_a_period_of_one_revolution(q, revolutions, margin):
 def test_torque_does_not_step_half_a_revolution_from_the_trained_range(path):
     """There the nearest pose of the range is another one, and so is the torque that is held."""
     feed, rng = FeedForward(1, Parameters(max_torque=(100.0,))), np.random.default_rng(0)
-    feed.use(TorqueSource(lambda q: 50.0 * np.sin(q), Coverage(-0.4 * Q - 0.4, Q + 0.4, 1)))
+    feed.use(lambda q: 50.0 * np.sin(q), Coverage(-0.4 * Q - 0.4, Q + 0.4, 1))
     turn = np.linspace(0.0, 2.0 * np.pi, 629)
     if path != 'turn':
         turn = np.concatenate((turn[turn < 3.14], np.pi + 1e-3 * rng.standard_normal(500)))
@@ -343,7 +343,7 @@ def test_torque_does_not_step_half_a_revolution_from_the_trained_range(path):
 
 def test_a_joint_whose_range_exceeds_a_revolution_has_its_own_revolution_within_it():
     feed = FeedForward(1, replace(FREE, ramp_time=0.0))
-    feed.use(source(lambda q: 10.0 * q, high=6.0))
+    use(feed, lambda q: 10.0 * q, high=6.0)
     turns = np.array([0, 0, 1, 1, 0, 0])
     poses = np.array([5.9, 6.1, 6.3, 6.1, 5.9, -0.9])
     assert turned(feed, 0.0, poses) == pytest.approx(10.0 * (poses - 2 * np.pi * turns))

@@ -1,6 +1,5 @@
-"""Fit process: it stays running, and its end is detected; executor of the node in this process."""
+"""First fits, diagnosis and priority of the fit process; executor of the node in this process."""
 
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 import re
@@ -10,9 +9,7 @@ import time
 from types import SimpleNamespace
 
 from bench.shared.dds_domain import private_domain
-from bench.shared.node_messages import rows_of
 from bench.shared.rough_links import two_links
-from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node import node as node_module
 from gravity_comp_ros.node.checks import DIAGNOSIS, FIT, Job
@@ -21,7 +18,6 @@ from gravity_comp_ros.node.jobs import run_diagnosis, run_fit
 from gravity_comp_ros.node.node import GravityCompNode
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.run import InputFirstExecutor
-from gravity_comp_ros.worker.worker_process import command, Done, Failed, Worker
 import numpy as np
 import pytest
 import rclpy
@@ -32,41 +28,6 @@ from std_srvs.srv import Trigger
 
 ROOT = Path(__file__).resolve().parents[3]
 POTENTIAL = Parameters(formulation='potential')
-FITTING = 'gravity_comp_ros.node.jobs:fitting'
-
-
-def pendulum(n=80, seed=0):
-    """Return samples of two links: tau_1 = 5 sin q1, tau_2 = 2 sin q2."""
-    rng = np.random.default_rng(seed)
-    q = rng.uniform(-1.5, 1.5, (n, 2))
-    tau = np.array([5.0, 2.0]) * np.sin(q) + 0.01 * rng.standard_normal((n, 2))
-    return JointSamples.single_run(['a', 'b'], np.arange(n), q, 0 * q, tau)
-
-
-def job(train=None):
-    return Job(FIT, rows_of(train or pendulum(), pendulum(20, 1)), settings=POTENTIAL)
-
-
-@contextmanager
-def process():
-    # Without lower priority: on a busy machine a process of low priority starts after minutes.
-    fits = Worker(command(FITTING, 0))
-    try:
-        yield fits
-    finally:
-        fits.rest()
-
-
-def answer_of(fits, job, make, seconds=60.0):
-    """Return the answer to a job."""
-    end = time.monotonic() + seconds
-    fits.start(job, make)
-    while fits.job is not None:
-        assert time.monotonic() < end, fits.jobs
-        for submitted, message in fits.poll():
-            assert submitted == job
-        time.sleep(0.002)
-    return message
 
 
 @pytest.mark.parametrize(('gains', 'kind'), [
@@ -80,24 +41,6 @@ def test_a_first_model_is_not_learned_from_what_fit_refuses(gains, kind):
     if kind == 'effort_sign':
         assert run_fit(Job(
             FIT, rows, settings=replace(POTENTIAL, accept=(kind,)))).checks[0].passed
-
-
-def test_it_fits_and_stays_running():
-    still = JointSamples.single_run(['a', 'b'], np.arange(20), np.zeros((20, 2)),
-                                    np.zeros((20, 2)), np.ones((20, 2)))
-    q = np.random.default_rng(3).uniform(-1, 1, (20, 2))
-    here = run_fit(job()).model.predict(q)
-    np.testing.assert_allclose(here, [5.0, 2.0] * np.sin(q), atol=0.03)
-    with process() as fits:
-        for number in (1, 2):
-            message = answer_of(fits, number, job)
-            assert isinstance(message, Done) and message.answer.accepted
-            np.testing.assert_allclose(message.answer.model.predict(q), here, atol=1e-9)
-            pid = fits.pid
-        message = answer_of(fits, 7, lambda: job(train=still))
-        assert message == Failed('no joint moves; a fit needs poses that differ')
-        assert fits.pid == pid
-    assert fits.pid is None
 
 
 PRIORITY = """
@@ -220,8 +163,8 @@ def test_the_torque_falls_after_an_error_although_no_report_can_be_made(monkeypa
         if tau == 2.0:
             fails()
 
-    feed = SimpleNamespace(fail=lambda: sent.append('failed'))
-    arm = SimpleNamespace(feed=feed, watchdog=lambda now: next(torques))
+    feed = SimpleNamespace(fail=lambda: sent.append('failed'), watch=lambda now: next(torques))
+    arm = SimpleNamespace(feed=feed)
     stamp = SimpleNamespace(to_msg=lambda: None)
     node = SimpleNamespace(
         _core=SimpleNamespace(arm=arm), _active=True, now=lambda: 0.0, get_logger=fails,
