@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
-import math
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.evaluation.expected_residual import expected_residual, residual_noise, rms
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import checks
@@ -61,11 +60,10 @@ class Watch:
 
     def restart(self) -> None:
         """Drop window and finding: the model, the clock or the payload has changed."""
-        capacity = NODE.window + math.ceil(self._min_duration / NODE.period)
-        # Samples with their residual (N,) over the noise.
-        self._rows: deque[tuple[SlowSample, FloatArray]] = deque(maxlen=capacity)
-        # New samples until the next test, and the length of the window that is due; 0 for none.
-        self._wait = self._due = 0
+        # The window: samples with their residual (N,) over the noise.
+        self._rows: deque[tuple[SlowSample, FloatArray]] = deque()
+        # New samples until the next test, and whether the window requires one.
+        self._wait, self._is_large = 0, False
         # A suspected payload, or a change of the effort that no payload explains.
         self.finding: PayloadResult | None = None
 
@@ -90,9 +88,15 @@ class Watch:
             return
         rows = self._rows
         rows.append((sample, residual / self._noise))
+        while len(rows) > NODE.window and new.t - rows[1][0].reading.t >= self._min_duration:
+            rows.popleft()
         self._wait = max(0, self._wait - 1)
         ratio = np.array([ratio for _, ratio in rows])
-        self._due = self._due_length(np.abs(ratio).max(axis=1) > CHECKS.large)
+        large = np.abs(ratio).max(axis=1) > CHECKS.large
+        lasts = len(rows) >= NODE.window and (
+            new.t - rows[0][0].reading.t >= self._min_duration)
+        self._is_large = lasts and bool(large[0] and large[-1]) and all(
+            part.mean() >= CHECKS.min_large for part in np.array_split(large, NODE.parts))
         if len(rows) >= NODE.window and rms(ratio[-NODE.window:]).max() < CHECKS.max_residual:
             self.finding = None
 
@@ -111,28 +115,15 @@ class Watch:
     def is_due(self) -> bool:
         """Return whether a full test of the samples is due."""
         is_suspected = self.finding is not None and self.finding.is_payload
-        return not is_suspected and self._wait == 0 and self._due > 0
+        return not is_suspected and self._wait == 0 and self._is_large
 
     def window(self) -> list[SlowSample]:
         """Return the samples to test, all with accelerations; the next window has new samples."""
-        self._wait, length = NODE.new_samples, self._due
-        count = min(length, NODE.max_window)
-        picked = np.unique(np.linspace(-length, -1, count).round().astype(int))
+        self._wait, last = NODE.block, len(self._rows) - 1
+        picked = np.linspace(0, last, min(last + 1, NODE.max_window)).round().astype(int)
         return [replace(self._rows[k][0], is_resolved=True) for k in picked]
 
     def add_finding(self, found: PayloadResult) -> bool:
         """Record a finding; return whether it is a suspicion."""
         self.finding = found if found.is_payload or found.is_other else None
         return found.is_payload
-
-    def _due_length(self, large: BoolArray) -> int:
-        """
-        Return the length of the shortest window that lasts long enough, or 0.
-
-        Its first and last residual (M,) are large, and so are most in each part.
-        """
-        t = [sample.reading.t for sample, _ in self._rows]
-        return next((length for length in range(NODE.window, len(large) + 1)
-                     if large[-1] and large[-length] and t[-1] - t[-length] >= self._min_duration
-                     and all(part.mean() >= CHECKS.min_large
-                             for part in np.array_split(large[-length:], NODE.parts))), 0)
