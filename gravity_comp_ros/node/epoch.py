@@ -18,7 +18,6 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.messages import CompleteReading
 from gravity_comp_ros.node.options import NODE
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.sample_buffer import SampleBuffer
 from gravity_comp_ros.regression.options import EngineOptions
 import numpy as np
 
@@ -114,26 +113,20 @@ class DelayedSamples:
         ready = []
         while self._waiting and t >= self._waiting[0][0].t + 0.5 * WINDOW:
             reading, sent = self._waiting.popleft()
-            times = np.array([other.t for other, _ in self._recent])
-            qd = np.array([other.qd for other, _ in self._recent])
+            times, q, qd, tau = (np.array(values) for values in zip(*(
+                (other.t, other.q, other.qd, other.tau) for other, _ in self._recent)))
             qdd = acceleration_at(reading.t, times, qd)
             is_resolved = qdd is not None
             if qdd is None and len(times) > 1:
                 qdd = (qd[-1] - qd[0]) / (times[-1] - times[0])
-            near = [other for other, _ in self._recent
-                    if abs(other.t - reading.t) <= 0.5 * MEAN_OVER + 1e-6]
-            ready.append(SlowSample(_mean(reading, near), sent, qdd, is_resolved))
+            near = np.abs(times - reading.t) <= 0.5 * MEAN_OVER + 1e-6
+            reverses = (qd[near] > REST_SPEED).any(axis=0) & (qd[near] < -REST_SPEED).any(axis=0)
+            if near.any() and not reverses.any():
+                reading = CompleteReading(
+                    float(times[near].mean()), q[near].mean(axis=0), qd[near].mean(axis=0),
+                    tau[near].mean(axis=0), reading.new_run)
+            ready.append(SlowSample(reading, sent, qdd, is_resolved))
         return ready
-
-
-def _mean(reading: CompleteReading, near: Sequence[CompleteReading]) -> CompleteReading:
-    """Return the mean of the messages around a reading, itself if a joint reverses there."""
-    t, q, qd, tau = (np.array(values) for values in zip(
-        *((other.t, other.q, other.qd, other.tau) for other in near or [reading])))
-    if ((qd > REST_SPEED).any(axis=0) & (qd < -REST_SPEED).any(axis=0)).any():
-        return reading
-    return CompleteReading(float(t.mean()), q.mean(axis=0), qd.mean(axis=0), tau.mean(axis=0),
-                           reading.new_run)
 
 
 def rows_of(names: Sequence[str], slow: Sequence[SlowSample]) -> Rows:
@@ -153,6 +146,25 @@ def rows_of(names: Sequence[str], slow: Sequence[SlowSample]) -> Rows:
                            qdd if np.mean(known) >= NODE.min_known else None)
     return Rows(samples, np.array([each.is_held_out for each in slow]),
                 np.array([each.sent for each in slow]))
+
+
+def thinned(samples: Sequence[SlowSample], count: int) -> list[SlowSample]:
+    """
+    Return at most `count` samples of diverse poses: the newest one of each cell.
+
+    A cell has a range of positions and velocities, as samples of one pose with opposite directions
+    differ by friction; held-out samples have their own. Its edge doubles until the samples fit: an
+    arm that repeats a motion replaces the samples of this motion, and earlier ones stay.
+    """
+    place = np.array([np.concatenate((each.reading.q, NODE.cell_time * each.reading.qd))
+                      for each in samples])
+    held_out, edge = np.array([[each.is_held_out] for each in samples]), NODE.min_motion
+    newest = dict[bytes, int]()
+    while not newest or len(newest) > count:
+        # Small values of both signs share a cell at every size: 0 is a third from its border.
+        cells = np.hstack((held_out, np.floor(place / edge + 1.0 / 3.0))).astype(np.int64)
+        newest, edge = {cell.tobytes(): k for k, cell in enumerate(cells)}, 2.0 * edge
+    return [samples[k] for k in sorted(newest.values())]
 
 
 class Epoch:
@@ -187,7 +199,7 @@ class Epoch:
         self._offered = self._fitted_at = 0
         # Whether the last fit was one of all samples that the epoch requires.
         self._was_full = False
-        self._buffer = SampleBuffer[SlowSample](NODE.capacity)
+        self._samples: list[SlowSample] = []
         self._last, self._run = -np.inf, 0
         # Smallest and largest positions of all samples since the restart, rad.
         self._low, self._high = (np.full(len(self.names), edge) for edge in (np.inf, -np.inf))
@@ -197,21 +209,22 @@ class Epoch:
         block, new = self._offered // NODE.block, sample.reading
         is_held_out = block % NODE.held_out_every == NODE.held_out_every - 1
         self._run, self._last = self._run + (new.t <= self._last), new.t
-        self._buffer.offer(new.q, new.qd, replace(
-            sample, run=self._run, is_held_out=is_held_out), is_held_out)
+        if len(self) == NODE.capacity:
+            self._samples = thinned(self._samples, NODE.capacity * 3 // 4)
+        self._samples.append(replace(sample, run=self._run, is_held_out=is_held_out))
         self._offered += 1
         self._low, self._high = np.minimum(self._low, new.q), np.maximum(self._high, new.q)
 
     def __len__(self) -> int:
-        return len(self._buffer)
+        return len(self._samples)
 
     @property
     def n_held_out(self) -> int:
-        return sum(sample.is_held_out for sample in self.samples())
+        return sum(sample.is_held_out for sample in self._samples)
 
     def samples(self) -> list[SlowSample]:
         """Return the samples, for `rows_of` in another thread."""
-        return self._buffer.samples()
+        return self._samples.copy()
 
     def span(self) -> FloatArray:
         """Return the range of every joint in this epoch, (N,) in rad; 0 without samples."""

@@ -28,13 +28,13 @@ class NodeOptions:
 
     Samples of an epoch:
 
-    - `max_delay`, s: largest delay of a driver from command to reported effort, and `delay_steps`:
-      number of delays up to it that are tried.
+    - `max_delay`, s: largest delay of a driver from command to reported effort.
     - `period`, s: of samples, that of the gate; `block`: consecutive samples, which are
-      correlated, that are held out together, one block in `held_out_every`.
+      correlated, that are held out together, one block in `held_out_every`, and that come between
+      two tests for a payload.
     - `growth`: of the number of samples, after which the next fit is due.
     - `capacity`: maximum number of samples, five minutes at 5 Hz; then one of each cell of poses
-      and velocities stays, the newest.
+      and velocities stays, the newest. `cell_time`, s: weight of velocity in a cell.
     - `min_known`: share of the samples whose acceleration must be resolved for the use of any.
     - `min_motion`, rad: a sample closer to the last one is redundant.
     - `min_range`, rad: motion that each joint needs before the last fit.
@@ -46,7 +46,6 @@ class NodeOptions:
       model is judged on half of them. A longer window is thinned to `max_window` samples.
     - `max_acceleration`, rad/s^2: above it inertia is not negligible.
     - `max_required`: samples at most that confirm a model.
-    - `new_samples`: between two tests.
 
     Torque:
 
@@ -83,12 +82,12 @@ class NodeOptions:
     slope_margin: float = 0.05
     max_late: float = 0.1
     max_delay: float = 0.2
-    delay_steps: int = 100
     period: float = 1.0 / (GateOptions().rate_hz or 1.0)
     block: int = 5
     held_out_every: int = 4
     growth: float = 1.25
     capacity: int = 1500
+    cell_time: float = 1.0
     min_known: float = 0.9
     min_range: float = 0.2
     window: int = 30
@@ -97,7 +96,6 @@ class NodeOptions:
     min_motion: float = 0.005
     max_acceleration: float = 0.25
     max_required: int = 200
-    new_samples: int = 5
     period_messages: int = 5
     max_periods: float = 2.0
     watch_period: float = 0.02
@@ -132,8 +130,6 @@ class CheckOptions:
       Also those by which a mass or a reach may exceed its limit, and the share of gravity may be
       below it.
     - `min_noise`: smallest noise and error, as a fraction of the largest torque of the samples.
-    - `min_span`, rad: range from which, with the samples of a full fit, an effort of which pose
-      explains too little (`FactOptions.min_share`) has no gravity.
     - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
       variation, and of the largest one; of a change where no chain explains the arm, `max_largest`
       of the change, or `predicted` times the noise.
@@ -181,7 +177,6 @@ class CheckOptions:
     max_rise: float = 1.2
     significant: float = 2.0
     min_noise: float = 1e-3
-    min_span: float = 0.5
     max_own: float = 0.35
     max_largest: float = 0.1
     min_gravity: float = 0.25

@@ -162,7 +162,7 @@ def test_the_range_is_that_of_all_samples_of_the_epoch():
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
     np.testing.assert_array_equal(epoch.span(), [0.0, 0.0])
     feed(epoch, 40, still=True)
-    epoch._buffer = None
+    epoch._samples = None
     np.testing.assert_allclose(epoch.span(), [0.05 * 39, 0.0])
     epoch.restart()
     np.testing.assert_array_equal(epoch.span(), [0.0, 0.0])
