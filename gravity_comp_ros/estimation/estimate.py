@@ -259,11 +259,11 @@ class _Work:
         They are selected from the torque without the effects of motion of a known regression.
         """
         self.report('ADMM', 0.5)
-        rows, fold = self.problem.means(known.torque_at_rest()), self.problem.rows.fold
+        rows = self.problem.means(known.torque_at_rest())
         if formulation == 'potential':
-            energy, fits = fit_potential(rows, fold)
+            energy, fits = fit_potential(rows)
             return Energy(energy), tuple(fits)
-        torques, fits = fit_per_joint(rows, fold)
+        torques, fits = fit_per_joint(rows)
         return Torques(torques), tuple(fits)
 
     def _searched(self, shared: Shared, chain: Regression) -> Regression:
