@@ -11,9 +11,6 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
-# Gradients below this share of the largest are rounding errors.
-_ROUNDING = 1e-12
-
 
 def lstsq(x: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArray:
     """
@@ -33,35 +30,6 @@ def lstsq(x: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArra
         from scipy import linalg
         share = np.finfo(float).eps * max(x.shape) if rcond is None else rcond
         return np.asarray(linalg.lstsq(x, y, cond=share, lapack_driver='gelss')[0])
-
-
-def non_negative(x: FloatArray, y: FloatArray) -> FloatArray:
-    """
-    Return the non-negative least-squares solution b (K,) of x b = y.
-
-    It is the active-set method of C. L. Lawson and R. J. Hanson, Solving Least Squares Problems
-    (1974), chapter 23, on the normal equations: the columns of x (M, K) must be independent.
-    """
-    gram, right, b = x.T @ x, x.T @ y, np.zeros(x.shape[1])
-    tolerance = _ROUNDING * float(np.abs(right).max(initial=0.0))
-    positive = np.zeros(len(b), dtype=bool)
-    for _ in range(3 * len(b)):
-        gradient = np.where(positive, -np.inf, right - gram @ b)
-        if not gradient.size or gradient.max() <= tolerance:
-            break
-        positive[gradient.argmax()] = True
-        while positive.any():
-            target = np.zeros(len(b))
-            target[positive] = np.linalg.solve(gram[np.ix_(positive, positive)], right[positive])
-            blocking = np.flatnonzero(positive & (target <= 0.0))
-            if not blocking.size:
-                b = target
-                break
-            shares = b[blocking] / np.maximum(b[blocking] - target[blocking], 1e-300)
-            b = b + shares.min() * (target - b)
-            positive[blocking[shares.argmin()]] = False
-            b[~positive] = 0.0
-    return b
 
 
 def svd(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -1,7 +1,7 @@
 """The support search: prices, steps by hand, and local optimality."""
 
 from bench.shared.dense import DenseDesign
-from gravity_comp_ros.models.least_squares import lstsq, non_negative, svd
+from gravity_comp_ros.models.least_squares import lstsq, svd
 from gravity_comp_ros.models.sparse import support
 from gravity_comp_ros.models.sparse.lasso import LassoProblem
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
@@ -9,7 +9,6 @@ from gravity_comp_ros.models.sparse.support import select_support
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
-from scipy.optimize import nnls
 
 LN = np.log
 
@@ -181,12 +180,3 @@ def test_input_that_is_not_finite_is_an_error():
         svd(x)
     with pytest.raises(np.linalg.LinAlgError):
         lstsq(x, np.ones(3))
-
-
-def test_non_negative_solutions():
-    rng = np.random.default_rng(0)
-    # As for the masses of a nominal arm: few moments, with a weak regularisation.
-    x = np.concatenate([rng.normal(size=(14, 100)), 0.03 * np.eye(100)])
-    y = np.concatenate([rng.normal(size=14), np.zeros(100)])
-    np.testing.assert_allclose(non_negative(x, y), nnls(x, y)[0], atol=1e-9)
-    np.testing.assert_array_equal(non_negative(x[:, :0], y), np.zeros(0))
