@@ -48,7 +48,7 @@ def test_constants_are_positive(options, value):
 
 @pytest.mark.parametrize('options, wrong, message', [
     *((AdmmOptions, {name: value}, name.split('_')[0]) for name, values in {
-        'max_iterations': [0], 'polish_every': [0], 'tolerance': [0.0, 1.0, NAN],
+        'max_iterations': [0], 'polish_every': [0], 'tolerance': [0.0, 1.1, NAN],
         'over_relaxation': [0.9, 2.0], 'rho': [0.0, -1.0, INF, NAN]}.items() for value in values),
     (FitOptions, {'formulation': 'magic'},
      "unknown formulation 'magic'; choose from auto, per_joint"),

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.errors import FitError, OptionError
 import numpy as np
@@ -48,15 +49,11 @@ class AdmmOptions:
     polish_every: int = 25
 
     def __post_init__(self) -> None:
-        if self.max_iterations < 1 or self.polish_every < 1:
-            raise OptionError('admm: max_iterations and polish_every must be at least 1')
-        if not 0.0 < self.tolerance < 1.0:
-            raise OptionError(f'admm: tolerance is {self.tolerance}; it must lie in (0, 1)')
-        if not 1.0 <= self.over_relaxation <= 1.9:
-            raise OptionError(f'admm: over_relaxation is {self.over_relaxation}; '
-                              f'it must lie in [1, 1.9]')
-        if not 0.0 < self.rho < np.inf:
-            raise OptionError(f'admm: rho is {self.rho}; it must be positive')
+        check_positive(self, 'admm')
+        for name, low, high in (('tolerance', 0.0, 1.0), ('over_relaxation', 1.0, 1.9)):
+            if not low <= getattr(self, name) <= high:
+                raise OptionError(f'admm: {name} is {getattr(self, name)}; it must lie in '
+                                  f'[{low:g}, {high:g}]')
 
 
 @dataclass(eq=False)

@@ -19,13 +19,10 @@ from gravity_comp_ros.models.sparse import admm
 from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
 
-# Number of violators that join the working set in one round. It is small because ADMM's cost grows
-# with the set, and larger where the check of all 3^N columns dominates.
-_BATCH, _LARGE_BATCH = 10, 40
-_LARGE = 3 ** 9
+# Number of violators that join the working set in one round: few at first, as ADMM's cost grows
+# with the set, and more in a large set, so that many features need few rounds.
+_BATCH, _LARGE_BATCH, _SHARE = 10, 40, 0.1
 _MAX_ROUNDS = 100
-# Size of the working set above which columns with coefficient 0 are removed.
-_MAX_WORKING_SET = 300
 # Length below which, relative to the longest, a column is a structural 0 up to rounding.
 _NEGLIGIBLE = 1e-9
 
@@ -87,16 +84,10 @@ class LassoProblem:
         self._inverse_lengths = np.where(usable, 1.0 / np.where(usable, lengths, 1.0), 0.0)
         self._c = self.design.correlate(self.b) * self._inverse_lengths
         self._correlation = self._c
-        self._batch = _BATCH if self.design.n_columns <= _LARGE else _LARGE_BATCH
         self._set = np.zeros(0, dtype=np.int64)
         self._columns = np.zeros((0, self.design.n_rows))
         self._gram = np.zeros((0, 0))
         self._state = admm.AdmmState(np.zeros(0), np.zeros(0), self.options.rho)
-
-    @property
-    def lambda_max(self) -> float:
-        """Return the smallest lambda at which every coefficient is 0."""
-        return float(np.abs(self._c).max(initial=0.0))
 
     def solve(self, lam: float) -> LassoSolution:
         """Return the solution for `lam` > 0, started from the previous one."""
@@ -133,7 +124,8 @@ class LassoProblem:
         excess = np.abs(self._correlation) - lam
         excess[self._set] = -np.inf
         violators = np.flatnonzero(excess > self.options.tolerance * lam)
-        worst = violators[np.argsort(-excess[violators], kind='stable')[:self._batch]]
+        count = int(np.clip(_SHARE * len(self._set), _BATCH, _LARGE_BATCH))
+        worst = violators[np.argsort(-excess[violators], kind='stable')[:count]]
         if worst.size:
             self._enlarge(worst, self._correlation[worst])
         return bool(worst.size)
@@ -144,29 +136,16 @@ class LassoProblem:
         return self.design.correlate(residual) * self._inverse_lengths
 
     def _enlarge(self, new: IntArray, correlation: FloatArray) -> None:
-        """Add columns; a large working set first drops those with coefficient 0."""
-        if len(self._set) > _MAX_WORKING_SET:
-            self._forget(np.flatnonzero(self._state.z == 0.0))
-        k, both = len(self._set), len(self._set) + len(new)
+        """Add columns."""
         added = (self.design.columns(new) * self._inverse_lengths[new]).T
-        gram = np.empty((both, both))
-        gram[:k, :k] = self._gram
-        np.matmul(self._columns, added.T, out=gram[:k, k:])
-        gram[k:, :k] = gram[:k, k:].T
-        np.matmul(added, added.T, out=gram[k:, k:])
-        self._gram, self._columns = gram, np.concatenate([self._columns, added])
+        cross = self._columns @ added.T
+        self._gram = np.block([[self._gram, cross], [cross.T, added @ added.T]])
+        self._columns = np.concatenate([self._columns, added])
         self._set = np.concatenate([self._set, new])
         state = self._state
         self._state = admm.AdmmState(np.concatenate([state.z, np.zeros(len(new))]),
                                      np.concatenate([state.y, correlation / state.rho]),
                                      state.rho)
-
-    def _forget(self, idle: IntArray) -> None:
-        """Remove columns from the working set."""
-        self._columns, self._set = np.delete(self._columns, idle, 0), np.delete(self._set, idle)
-        self._gram = np.delete(np.delete(self._gram, idle, 0), idle, 1)
-        self._state = admm.AdmmState(np.delete(self._state.z, idle),
-                                     np.delete(self._state.y, idle), self._state.rho)
 
     def _solution(self, lam: float, inner: admm.AdmmResult, iterations: int,
                   rounds: int) -> LassoSolution:
