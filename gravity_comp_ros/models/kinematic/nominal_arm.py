@@ -16,7 +16,6 @@ from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS
 import numpy as np
-from scipy.optimize import nnls
 
 # Distance of the masses from a link's centre line, as a share of the mean length of the link and
 # the one before.
@@ -70,6 +69,7 @@ def _nearest(geometry: Geometry, moments: FloatArray, weights: FloatArray | None
     size = max(float(np.abs(target).max()), 1e-9)
     a = np.concatenate([weights @ per_mass / size, _REGULARISATION * np.eye(len(parameters))])
     b = np.concatenate([target / size, _REGULARISATION * expected])
+    from scipy.optimize import nnls  # imported here because it takes long
     masses, _ = nnls(a, b)
     missing = moments - (per_mass @ masses).reshape(-1, 2)
     # Moments about a vertical axis have no gravity torque and are not identifiable.
