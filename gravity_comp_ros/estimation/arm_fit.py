@@ -13,8 +13,7 @@ from functools import cached_property
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.estimation.options import OPTIONS
 from gravity_comp_ros.facts.options import FactOptions
-from gravity_comp_ros.models.kinematic.arm_solver import (
-    ArmSolver, ArmState, cost_of, search, Unknowns)
+from gravity_comp_ros.models.kinematic.arm_solver import ArmSolver, ArmState, cost_of, search
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.noise import of_second_differences
 from gravity_comp_ros.regression.problem import Problem
@@ -79,7 +78,7 @@ class ArmFit:
         """Return the standard deviations of the logarithms of free gains."""
         solver = self._solver(free, None)
         covariance = np.linalg.inv(solver.precision(state))
-        first = int(solver.unknowns.axes.sum())
+        first = int(solver.axes.sum())
         variance = np.diag(covariance)[first:first + len(free)]
         return np.asarray(np.sqrt(self.time(state) * variance))
 
@@ -121,7 +120,7 @@ class ArmFit:
 
     def _solver(self, free: IntArray, shares: FloatArray | None) -> ArmSolver:
         axes = np.full(2 * self.q.shape[1], self.rotations is None)
-        return ArmSolver(self.problem, Unknowns(axes, free, shares))
+        return ArmSolver(self.problem, axes, free, shares)
 
 
 def moves_enough(samples: JointSamples) -> bool:

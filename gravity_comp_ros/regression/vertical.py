@@ -13,8 +13,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.models.kinematic.arm_solver import (
-    ArmProblem, ArmSolver, ArmState, Unknowns)
+from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmSolver, ArmState
 from gravity_comp_ros.models.kinematic.chain import aligned, tilt
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.nominal_arm import unreachable_share
@@ -52,9 +51,8 @@ def with_estimated_vertical(geometry: Geometry, problem: Problem) -> Geometry:
         return geometry
     poses, nuisance = generic_poses(problem, _POSES)
     torques = arm_problem(poses, nuisance)
-    at_rest = ArmSolver(torques, Unknowns(np.zeros(2 * n, dtype=bool)))
-    moving = replace(at_rest, unknowns=Unknowns(
-        np.zeros(2 * n, dtype=bool), shares=np.ones((len(poses), 1))))
+    at_rest = ArmSolver(torques, np.zeros(2 * n, dtype=bool))
+    moving = replace(at_rest, shares=np.ones((len(poses), 1)))
     near, far = (at_rest.run(geometry.rotations), geometry.rotations), None
     for start in _starts(geometry.rotations):
         state = moving.run(start)

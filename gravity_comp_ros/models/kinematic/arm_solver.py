@@ -170,20 +170,6 @@ class ArmProblem:
 
 
 @dataclass(frozen=True, eq=False)
-class Unknowns:
-    """
-    What is estimated in addition to the moments.
-
-    `axes` (2N,) masks the tilts of the axes, those of the first are the base's; `gains` (K,) are
-    the joints with a free gain; `shares` (M, L) are those of each tilt of a moving base.
-    """
-
-    axes: BoolArray
-    gains: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    shares: FloatArray | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class ArmState:
     """
     A chain, logarithms of gains (N,), and `base_tilts` (L, 2) in rad.
@@ -213,15 +199,22 @@ def cost_of(state: ArmState) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ArmSolver:
-    """Levenberg-Marquardt on a problem with some unknowns."""
+    """
+    Levenberg-Marquardt on a problem, with unknowns in addition to the moments.
+
+    `axes` (2N,) masks the tilts of the axes, those of the first are the base's; `gains` (K,) are
+    the joints with a free gain; `shares` (M, L) are those of each tilt of a moving base.
+    """
 
     problem: ArmProblem
-    unknowns: Unknowns
+    axes: BoolArray
+    gains: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    shares: FloatArray | None = None
 
     @classmethod
     def of_axes(cls, problem: ArmProblem) -> ArmSolver:
         """Return the solver for all axes and moments."""
-        return cls(problem, Unknowns(np.ones(2 * problem.q.shape[1], dtype=bool)))
+        return cls(problem, np.ones(2 * problem.q.shape[1], dtype=bool))
 
     def run(self, axes: FloatArray, log: FloatArray | None = None,
             base_tilts: FloatArray | None = None) -> ArmState:
@@ -231,7 +224,7 @@ class ArmSolver:
         :param axes: (N, 3, 3). :param log: logarithms of gains (N,), 0 if not given.
         :param base_tilts: (L, 2) in rad, 0 if not given.
         """
-        n, shares = len(axes), self.unknowns.shares
+        n, shares = len(axes), self.shares
         state = self._state(
             axes, np.zeros(n) if log is None else log,
             np.zeros((0 if shares is None else shares.shape[1], 2)) if base_tilts is None
@@ -271,18 +264,17 @@ class ArmSolver:
         return None, damping
 
     def _moved(self, state: ArmState, step: FloatArray) -> ArmState:
-        free = self.unknowns
-        n_axes, n_gains = int(free.axes.sum()), len(free.gains)
-        tilts, log = np.zeros(len(free.axes)), state.log.copy()
-        tilts[free.axes] = step[:n_axes]
-        log[free.gains] += step[n_axes:n_axes + n_gains]
+        n_axes, n_gains = int(self.axes.sum()), len(self.gains)
+        tilts, log = np.zeros(len(self.axes)), state.log.copy()
+        tilts[self.axes] = step[:n_axes]
+        log[self.gains] += step[n_axes:n_axes + n_gains]
         return self._state(state.chain.axes @ tilt(tilts.reshape(-1, 2)), log,
                            state.base_tilts + step[n_axes + n_gains:].reshape(-1, 2), state.noise)
 
     def _state(self, axes: FloatArray, log: FloatArray, base_tilts: FloatArray,
                noise: FloatArray) -> ArmState:
         """Return the state with the best moments; `noise` (N,) is the first estimate."""
-        problem, target, shares = self.problem, self.problem.target, self.unknowns.shares
+        problem, target, shares = self.problem, self.problem.target, self.shares
         arm = ForwardKinematics(axes, problem.q, problem.sin_cos,
                                 None if shares is None else shares @ base_tilts)
         columns = problem.nuisance.whitened(arm.moment_columns() * np.exp(log)[:, None])
@@ -303,14 +295,14 @@ class ArmSolver:
 
     def _columns(self, state: ArmState) -> FloatArray:
         """Return whitened columns (K, N, M) of the unknowns, in N·m per unit."""
-        free, moments, arm = self.unknowns, state.chain.moments, state.arm
+        moments, arm = state.chain.moments, state.arm
         n, m = state.residual.shape
-        by_gain = np.zeros((len(free.gains), n, m))
-        for k, joint in enumerate(free.gains):
+        by_gain = np.zeros((len(self.gains), n, m))
+        for k, joint in enumerate(self.gains):
             by_gain[k, joint] = arm.torque(moments)[:, joint]
-        parts = [arm.axis_columns(moments)[free.axes], by_gain]
-        if free.shares is not None:
-            by_tilt = free.shares.T[:, None, None] * arm.base_columns(moments)
+        parts = [arm.axis_columns(moments)[self.axes], by_gain]
+        if self.shares is not None:
+            by_tilt = self.shares.T[:, None, None] * arm.base_columns(moments)
             parts.append(by_tilt.reshape(-1, n, m))
         return self.problem.nuisance.whitened(
             np.concatenate(parts) * np.exp(state.log)[:, None])
@@ -321,10 +313,10 @@ class ArmSolver:
 
         They are in units of the noise; the products contain the prior.
         """
-        priors, free = self.problem.priors, self.unknowns
+        priors = self.problem.priors
         x = np.concatenate([columns, state.moment_columns]) / state.noise[:, None]
         rows = x.reshape(len(x), -1)
-        n_axes, n_gains = int(free.axes.sum()), len(free.gains)
+        n_axes, n_gains = int(self.axes.sum()), len(self.gains)
         std = np.full(len(x), priors.tilt)
         std[n_axes:n_axes + n_gains] = priors.gain
         std[len(columns):] = self.problem.moment_std

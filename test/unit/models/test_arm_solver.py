@@ -3,8 +3,7 @@
 from dataclasses import replace
 
 from bench.shared.serial_arms import poses
-from gravity_comp_ros.models.kinematic.arm_solver import (
-    ArmProblem, ArmSolver, Nuisance, Unknowns)
+from gravity_comp_ros.models.kinematic.arm_solver import ArmProblem, ArmSolver, Nuisance
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain, ForwardKinematics, tilt
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -48,7 +47,7 @@ def test_columns_are_the_derivatives_of_the_effort(seed):
     log, base = rng.normal(size=n), np.zeros((1, 2))
     shares = rng.uniform(size=(len(problem.q), 1))
     free = np.array([0, 2])
-    solver = ArmSolver(problem, Unknowns(np.ones(2 * n, dtype=bool), free, shares))
+    solver = ArmSolver(problem, np.ones(2 * n, dtype=bool), free, shares)
 
     def effort(tilts, gains, turned, moments):
         logs = log.copy()
@@ -94,7 +93,7 @@ def test_a_gain_and_a_tilt_of_the_base_are_found(seed):
     tau = arm.torque(chain.moments) * np.exp(gain)
     tau = tau + 0.01 * np.random.default_rng(seed).normal(size=tau.shape)
     free = np.array([1])
-    solver = ArmSolver(replace(problem, tau=tau), Unknowns(np.ones(8, dtype=bool), free, shares))
+    solver = ArmSolver(replace(problem, tau=tau), np.ones(8, dtype=bool), free, shares)
     state = solver.run(chain.axes)
     np.testing.assert_allclose(state.log, gain, atol=0.01)
     np.testing.assert_allclose(state.base_tilts, base, atol=0.01)
@@ -108,6 +107,6 @@ def test_a_pendulum_on_known_axes_by_hand():
     q = np.linspace(-2.0, 2.0, 40)[:, None]
     axes = np.array([[[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]])
     problem = ArmProblem(q, 3.0 * np.cos(q), Nuisance.none(1, 40), np.full(1, 1e-6))
-    state = ArmSolver(problem, Unknowns(np.zeros(2, dtype=bool))).run(axes)
+    state = ArmSolver(problem, np.zeros(2, dtype=bool)).run(axes)
     np.testing.assert_allclose(state.chain.moments, [[3.0, 0.0]], atol=1e-6)
     np.testing.assert_allclose(state.residual, 0.0, atol=1e-5)
