@@ -17,8 +17,8 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import (
     Friction, LoadFriction, LuGre, ThermalFriction)
-from gravity_comp_ros.simulation.disturbances.joint_torque import Cogging, DressPack
-from gravity_comp_ros.simulation.disturbances.signals import GaugeDrift, GaugeOffset
+from gravity_comp_ros.simulation.disturbances.signals import (
+    cogging, dress_pack, gauge_drift, gauge_offset)
 from gravity_comp_ros.simulation.hidden import noise_levels
 from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np
@@ -102,7 +102,7 @@ def _drift(arm: str, rng: np.random.Generator) -> Case:
     rise = float(rng.choice([-1.0, 1.0]) * rng.uniform(8.0, 20.0) * noise[joint])
     warming = float(rng.uniform(300.0, 900.0))
     period = 100.0 + _SESSION_PAUSE
-    runs = tuple((k, GaugeDrift(joint, rise, warming, begun=k * period, lag=0.25))
+    runs = tuple((k, gauge_drift(joint, rise, warming, begun=k * period, lag=0.25))
                  for k in range(_SESSION_RUNS))
     alternatives: tuple[Pair, ...] = (('friction_drift', joint), ('payload_change', None))
     return Case('drift', arm, truths=(Truth('torque_drift', joint, alternatives),), in_run=runs,
@@ -165,25 +165,25 @@ def _drawn(joint: int, noise: float, rng: np.random.Generator, loaded: bool) -> 
 
 def _offset(joint: int, size: float, rng: np.random.Generator) -> Draw:
     zero = size * float(rng.choice([-1.0, 1.0]))
-    return GaugeOffset(joint, zero), offset(joint, zero), frozenset()
+    return gauge_offset(joint, zero), offset(joint, zero), frozenset()
 
 
 def _rise(joint: int, size: float, rng: np.random.Generator) -> Draw:
     rise = size * float(rng.choice([-2.0, 2.0]))
-    return (GaugeDrift(joint, rise, float(rng.uniform(150.0, 400.0)), lag=0.25),
+    return (gauge_drift(joint, rise, float(rng.uniform(150.0, 400.0)), lag=0.25),
             Truth('torque_drift', joint), frozenset({('torque_offset', joint)}))
 
 
 def _cable(joint: int, size: float, rng: np.random.Generator) -> Draw:
-    pack = DressPack(joint, float(rng.uniform(-0.5, 0.5)), 4.0 * size,
-                     float(rng.uniform(2.0, 5.0)), int(rng.choice([-1, 1])))
+    pack = dress_pack(joint, float(rng.uniform(-0.5, 0.5)), 4.0 * size,
+                      float(rng.uniform(2.0, 5.0)), int(rng.choice([-1, 1])))
     return pack, Truth('cable_stiffness', joint, (('joint_spring', joint),)), frozenset()
 
 
 def _cogging(joint: int, size: float, rng: np.random.Generator) -> Draw:
-    cogging = Cogging(joint, int(rng.integers(8, 40)), 2.0 * size, float(rng.uniform(0.4, 1.5)),
-                      float(rng.uniform(0.0, 1.0)))
-    return cogging, Truth('torque_ripple', joint), frozenset()
+    law = cogging(joint, int(rng.integers(8, 40)), 2.0 * size, float(rng.uniform(0.4, 1.5)),
+                  float(rng.uniform(0.0, 1.0)))
+    return law, Truth('torque_ripple', joint), frozenset()
 
 
 def _load(joint: int, size: float, rng: np.random.Generator) -> Draw:

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.shared.findings import Known, Pair
-from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction, LuGre
-from gravity_comp_ros.simulation.disturbances.joint_torque import AngleTorque, Cogging, DressPack
-from gravity_comp_ros.simulation.disturbances.signals import GaugeGain, GaugeOffset
+from gravity_comp_ros.simulation.disturbances.signals import (
+    angle_torque, cogging, dress_pack, gauge_gain, gauge_offset)
 from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np
 
@@ -29,27 +28,8 @@ BRISTLES = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degres
             'presliding_hysteresis')
 
 
-@dataclass(frozen=True)
-class ClockSpring(AngleTorque):
-    """
-    A wound flat spring whose stiffness rises as cosh((q - rest) / hardening).
-
-    `stiffness` in N·m/rad at the angle `rest` in rad, where the torque is 0; 0.5 % more at 1 rad
-    for a `hardening` of 10 rad.
-    """
-
-    joint: int
-    stiffness: float
-    rest: float
-    hardening: float = 10.0
-
-    def torque(self, q: FloatArray) -> FloatArray:
-        h = self.hardening
-        return np.asarray(self.stiffness * h * np.sinh((q - self.rest) / h))
-
-    def slope(self, q: FloatArray) -> FloatArray:
-        """Return the stiffness (K,) in N·m/rad at angles q (K,)."""
-        return np.asarray(self.stiffness * np.cosh((q - self.rest) / self.hardening))
+# Angle in rad over which the stiffness of a wound flat spring rises: by 0.5 % at 1 rad.
+_HARDENING = 10.0
 
 
 @dataclass(frozen=True)
@@ -104,9 +84,11 @@ def level_of(friction: Friction, max_speed: float) -> Known:
 
 
 def _spring(site: Site, rng: np.random.Generator) -> Hidden:
-    law = ClockSpring(site.joint, float(rng.uniform(0.05, 0.2) * site.scale),
-                      float(rng.uniform(site.lower, site.upper)))
-    slopes = law.slope(np.linspace(site.low, site.high, 50))
+    stiffness = float(rng.uniform(0.05, 0.2) * site.scale)
+    rest = float(rng.uniform(site.lower, site.upper))
+    law = angle_torque(site.joint, lambda q: stiffness * _HARDENING * np.sinh(
+        (q - rest) / _HARDENING))
+    slopes = stiffness * np.cosh((np.linspace(site.low, site.high, 50) - rest) / _HARDENING)
     known = Known('joint_spring', site.joint, 'N·m/rad', float(slopes.min()), float(slopes.max()))
     return _hidden('joint_spring', law, known=known, static=True)
 
@@ -114,13 +96,13 @@ def _spring(site: Site, rng: np.random.Generator) -> Hidden:
 def _offset(site: Site, rng: np.random.Generator) -> Hidden:
     size = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.05) * site.scale)
     known = Known('torque_offset', site.joint, 'N·m', size, size)
-    return _hidden('torque_offset', GaugeOffset(site.joint, size), known=known, static=True)
+    return _hidden('torque_offset', gauge_offset(site.joint, size), known=known, static=True)
 
 
 def _gain(site: Site, rng: np.random.Generator) -> Hidden:
     size = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.03, 0.12))
     known = Known('torque_gain', site.joint, '', size, size)
-    return _hidden('torque_gain', GaugeGain(site.joint, 1.0 + size), known=known, static=True)
+    return _hidden('torque_gain', gauge_gain(site.joint, 1.0 + size), known=known, static=True)
 
 
 def _load(site: Site, rng: np.random.Generator) -> Hidden:
@@ -130,7 +112,7 @@ def _load(site: Site, rng: np.random.Generator) -> Hidden:
 
 
 def _ripple(site: Site, rng: np.random.Generator) -> Hidden:
-    law = Cogging(site.joint, int(rng.integers(8, 41)),
+    law = cogging(site.joint, int(rng.integers(8, 41)),
                   float(rng.uniform(0.01, 0.03) * site.scale), float(rng.uniform(0.4, 1.5)),
                   float(rng.uniform(0.0, 1.0)))
     return _hidden('torque_ripple', law, static=True)
@@ -154,9 +136,9 @@ def with_one_level(law: Disturbance) -> Friction | None:
 
 
 def _cable(site: Site, rng: np.random.Generator) -> Hidden:
-    law = DressPack(site.joint, float(site.low + rng.uniform(0.2, 0.6) * (site.high - site.low)),
-                    float(rng.uniform(0.04, 0.15) * site.scale), float(rng.uniform(2.0, 5.0)),
-                    int(rng.choice([-1, 1])))
+    law = dress_pack(site.joint, float(site.low + rng.uniform(0.2, 0.6) * (site.high - site.low)),
+                     float(rng.uniform(0.04, 0.15) * site.scale), float(rng.uniform(2.0, 5.0)),
+                     int(rng.choice([-1, 1])))
     return _hidden('cable_stiffness', law, ('joint_spring',), static=True)
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import asinh, isfinite
+from math import isfinite
 import textwrap
 from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.data.samples import joint_named
 from gravity_comp_ros.errors import OptionError
+import numpy as np
 if TYPE_CHECKING:
     # Imports pinocchio, which the help of `synth` does not need.
     from gravity_comp_ros.simulation.arms import Arm
@@ -72,18 +73,9 @@ _RELATIVE_PRELOAD, _MIN_PRELOAD, _MAX_PRELOAD, _POSES = 0.1, 1e-6, 3.0, 200
 def _preload(arm: Arm, joint: int) -> float:
     """Return a preload in N·m: a tenth of the joint's largest load, at most 3 N·m."""
     from gravity_comp_ros.simulation.arms import gravity_torque
-    import numpy as np
     poses = np.random.default_rng(0).uniform(arm.lower, arm.upper, (_POSES, arm.n_joints))
     load = float(np.abs(gravity_torque(arm, poses)[:, joint]).max())
     return float(np.clip(_RELATIVE_PRELOAD * load, _MIN_PRELOAD, _MAX_PRELOAD))
-
-
-def _spring(disturbances: Any, joint: int, stiffness: float) -> Disturbance:
-    """Return a balancer with a torque of `stiffness` N·m at 1 rad from its rest."""
-    torque = float(disturbances.SpringBalancer(joint, 1.0, free=0.5, post=0.6).torque(1.0))
-    balancer: Disturbance = disturbances.SpringBalancer(joint, stiffness / torque, free=0.5,
-                                                        post=0.6)
-    return balancer
 
 
 KINDS: dict[str, Kind] = {
@@ -96,8 +88,8 @@ KINDS: dict[str, Kind] = {
                               lambda d, arm, j, x: d.Friction(j, d.LuGre(x, static=2 * x))),
     'degressive_friction': Kind(
         'N·m', 'friction of grease at 1 rad/s, with a Coulomb friction of half the size', 2.0,
-        True, lambda d, arm, j, x: d.GreasedGear(j, x / asinh(1.0 / _THINNING), _THINNING,
-                                                 d.LuGre(0.5 * x))),
+        True, lambda d, arm, j, x: d.Friction(j, d.LuGre(
+            0.5 * x, x / (_THINNING * np.arcsinh(1.0 / _THINNING)), thinning=_THINNING))),
     'asymmetric_friction': Kind(
         'N·m', 'half the difference of friction in the two directions', 0.5, True,
         lambda d, arm, j, x: d.Friction(j, d.LuGre(3 * x), d.LuGre(3 * x).at_level(x))),
@@ -112,33 +104,33 @@ KINDS: dict[str, Kind] = {
         lambda d, arm, j, x: d.DifferentialFriction(
             (j, j + 1 if j + 1 < arm.n_joints else j - 1), d.LuGre(x))),
     'torque_offset': Kind('N·m', 'torque signal at zero torque', 1.0, True,
-                          lambda d, arm, j, x: d.GaugeOffset(j, x), signed=True),
+                          lambda d, arm, j, x: d.gauge_offset(j, x), signed=True),
     'torque_gain': Kind('', 'relative error of the torque scale, 0.1 for 10 % too much', 0.1,
-                        False, lambda d, arm, j, x: d.GaugeGain(j, 1 + x), signed=True),
+                        False, lambda d, arm, j, x: d.gauge_gain(j, 1 + x), signed=True),
     'torque_drift': Kind('N·m', 'change of the torque signal, most of it within 200 s', 1.0, True,
-                         lambda d, arm, j, x: d.GaugeDrift(j, x, _WARMING), signed=True),
+                         lambda d, arm, j, x: d.gauge_drift(j, x, _WARMING), signed=True),
     'joint_spring': Kind('N·m/rad', 'torque of a spring balancer 1 rad from its rest, over 1 rad',
-                         10.0, False, lambda d, arm, j, x: _spring(d, j, x)),
+                         10.0, False, lambda d, arm, j, x: d.spring_balancer(j, x)),
     'cable_stiffness': Kind('N·m/rad', 'stiffness of a cable that is taut beyond 0.3 rad', 2.0,
-                            True, lambda d, arm, j, x: d.DressPack(j, 0.3, x)),
+                            True, lambda d, arm, j, x: d.dress_pack(j, 0.3, x)),
     'torque_ripple': Kind('N·m', 'amplitude of a ripple of 12 periods per revolution', 1.0, True,
-                          lambda d, arm, j, x: d.Cogging(j, 12, x)),
+                          lambda d, arm, j, x: d.cogging(j, 12, x)),
     'encoder_offset': Kind('rad', 'true minus reported angle', 0.03, False,
-                           lambda d, arm, j, x: d.EncoderOffset(j, x), signed=True),
+                           lambda d, arm, j, x: d.encoder_offset(j, x), signed=True),
     'end_stop': Kind('N·m/rad', 'stiffness of a bumper at half the upper limit', 30.0, True,
-                     lambda d, arm, j, x: d.Bumper(j, 0.5 * float(arm.upper[j]), x)),
+                     lambda d, arm, j, x: d.bumper(j, 0.5 * float(arm.upper[j]), x)),
     'joint_flexibility': Kind('rad/(N·m)', 'compliance of the gear', 1 / 6000.0, False,
-                              lambda d, arm, j, x: d.ElasticGear(j, 1 / x)),
+                              lambda d, arm, j, x: d.gear(j, lambda load: x * load)),
     'backlash': Kind('rad', 'play of the gear', 0.02, False,
-                     lambda d, arm, j, x: d.Backlash(j, x)),
+                     lambda d, arm, j, x: d.gear(j, lambda load: 0.5 * x * np.tanh(2.0 * load))),
     'detent': Kind('N·m', 'largest torque of a detent at 0.5 rad', 4.0, True,
-                   lambda d, arm, j, x: d.Detent(j, 0.5, x)),
+                   lambda d, arm, j, x: d.detent(j, 0.5, x)),
     'base_tilt': Kind('rad', 'roll of the base', 0.035, False,
-                      lambda d, arm, j, x: d.TiltedBase(x, 0.0), signed=True, whole_arm=True),
+                      lambda d, arm, j, x: d.tilted_base(x), signed=True, whole_arm=True),
     'time_delay': Kind('s', 'delay of torque relative to position', 0.04, False,
-                       lambda d, arm, j, x: d.DelayedEffort(x), whole_arm=True),
+                       lambda d, arm, j, x: d.delayed_effort(x), whole_arm=True),
     'tool_force': Kind('N', 'force on the tool, fixed in its frame', 12.0, False,
-                       lambda d, arm, j, x: d.ToolForce((0.5 * x, 0.25 * x, -x)), whole_arm=True),
+                       lambda d, arm, j, x: d.tool_force((0.5 * x, 0.25 * x, -x)), whole_arm=True),
 }
 
 

@@ -10,7 +10,7 @@ from bench.shared.campaign import campaign
 from bench.shared.findings import Known
 from gravity_comp_ros.simulation.arms import gravity_torque
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LuGre
-from gravity_comp_ros.simulation.disturbances.signals import GaugeOffset
+from gravity_comp_ros.simulation.disturbances.signals import gauge_offset
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 import pinocchio as pin
@@ -18,7 +18,7 @@ import pytest
 
 pytestmark = pytest.mark.skipif(arms.descriptions() is None,
                                 reason='example-robot-data is not installed')
-OFFSET = Hidden('torque_offset', 1, GaugeOffset(1, 0.5), (('torque_offset', 1),),
+OFFSET = Hidden('torque_offset', 1, gauge_offset(1, 0.5), (('torque_offset', 1),),
                 known=Known('torque_offset', 1, 'N·m', 0.5, 0.5), static=True)
 
 

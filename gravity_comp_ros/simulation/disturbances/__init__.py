@@ -1,15 +1,7 @@
 """Disturbances of simulated recordings: friction, torques of an angle, faults of signals."""
 
-from gravity_comp_ros.simulation.disturbances.friction import (
-    DifferentialFriction, Friction, GreasedGear, LoadFriction, LuGre, ThermalFriction)
-from gravity_comp_ros.simulation.disturbances.joint_torque import (
-    Bumper, Cogging, Detent, DressPack, SpringBalancer)
-from gravity_comp_ros.simulation.disturbances.signals import (
-    Backlash, DelayedEffort, ElasticGear, EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset,
-    TiltedBase, ToolForce)
-
-__all__ = [
-    'Backlash', 'Bumper', 'Cogging', 'DelayedEffort', 'Detent', 'DifferentialFriction',
-    'DressPack', 'ElasticGear', 'EncoderOffset', 'Friction', 'GaugeDrift', 'GaugeGain',
-    'GaugeOffset', 'GreasedGear', 'LoadFriction', 'LuGre', 'SpringBalancer', 'ThermalFriction',
-    'TiltedBase', 'ToolForce']
+from gravity_comp_ros.simulation.disturbances.friction import (  # noqa: F401
+    DifferentialFriction, Friction, LoadFriction, LuGre, ThermalFriction)
+from gravity_comp_ros.simulation.disturbances.signals import (  # noqa: F401
+    bumper, cogging, delayed_effort, detent, dress_pack, encoder_offset, gauge_drift, gauge_gain,
+    gauge_offset, gear, spring_balancer, tilted_base, tool_force)

@@ -18,13 +18,12 @@ different shape.)
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
-from gravity_comp_ros.simulation.disturbances.joint_torque import JointTorque
 from gravity_comp_ros.simulation.motions import Motion
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
@@ -39,6 +38,10 @@ class LuGre:
     `stribeck_speed` in rad/s the speed at which their difference has halved, `viscous` in
     N·m·s/rad, `presliding` the deflection in rad at which the surfaces slip at the level
     `coulomb`, and `damping` in s the ratio s1 / s0.
+
+    Beyond the speed `thinning` in rad/s viscous friction is degressive, as that of grease: the
+    stress is thinning asinh(v / thinning) at the shear rate v (H. Eyring, Viscosity, plasticity,
+    and diffusion as examples of absolute reaction rates, J. Chem. Phys. 4, 1936).
     """
 
     coulomb: float
@@ -47,6 +50,7 @@ class LuGre:
     stribeck_speed: float = 0.03
     presliding: float = 2e-4
     damping: float = 0.002
+    thinning: float = np.inf
 
     @property
     def stiffness(self) -> float:
@@ -88,8 +92,9 @@ def friction_torque(t: FloatArray, q: FloatArray, v: FloatArray, forward: LuGre,
     middle = np.diff(q) / np.diff(t)
     z = deflection(np.diff(q), _slip(middle, forward, backward))
     viscous = np.where(v >= 0, forward.viscous, backward.viscous)
+    oil = v if forward.thinning == np.inf else forward.thinning * np.arcsinh(v / forward.thinning)
     rate = v - np.abs(v) * z / _slip(v, forward, backward)
-    return np.asarray(normal * forward.stiffness * (z + forward.damping * rate) + viscous * v)
+    return np.asarray(normal * forward.stiffness * (z + forward.damping * rate) + viscous * oil)
 
 
 def _slip(v: FloatArray, forward: LuGre, backward: LuGre) -> FloatArray:
@@ -121,49 +126,37 @@ VOGEL_T0 = -95.0
 _STEP = 0.005
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """
-    The true motion at K >= M instants, which include the M samples.
+class JointFriction(ABC):
+    """Friction of joint number `joint`, counted from 0, with a state: integrated in fine steps."""
 
-    `t` (K,) in s; `q`, `qd` (K, N) in rad and rad/s; `at` (M,) are the indices of the samples.
-    """
-
-    t: FloatArray
-    q: FloatArray
-    qd: FloatArray
-    at: IntArray
-
-    def between_samples(self, values: FloatArray) -> FloatArray:
-        """Return values (K,) on the grid by linear interpolation of values (M,) at the samples."""
-        if len(self.at) == len(self.t):
-            return values
-        return np.asarray(np.interp(self.t, self.t[self.at], values))
-
-
-def fine_grid(motion: Motion) -> Grid:
-    """Return the motion in steps of at most `_STEP` s; closer samples are kept unchanged."""
-    gaps = np.diff(motion.t)
-    parts = 1 if gaps.size == 0 else max(1, int(np.ceil(gaps.max() / _STEP - 1e-9)))
-    at = parts * np.arange(len(motion.t))
-    if parts == 1:
-        return Grid(motion.t, motion.q, motion.qd, at)
-    inner = motion.t[:-1, None] + gaps[:, None] * np.arange(parts) / parts
-    t = np.append(inner.ravel(), motion.t[-1])
-    q, qd, _ = motion.path(t)
-    return Grid(t, q, qd, at)
-
-
-class JointFriction(JointTorque):
-    """Friction of one joint with a state, integrated in fine steps."""
+    joint: int
 
     @abstractmethod
-    def friction(self, grid: Grid, signals: Signals) -> FloatArray:
-        """Return the torque (K,) in N·m on the grid."""
+    def friction(self, t: FloatArray, q: FloatArray, v: FloatArray, load: FloatArray
+                 ) -> FloatArray:
+        """
+        Return the torque (K,) in N·m.
 
-    def added(self, signals: Signals, motion: Motion) -> FloatArray:
-        grid = fine_grid(motion)
-        return self.friction(grid, signals)[grid.at]
+        :param t: s. :param q: rad. :param v: rad/s. :param load: N·m, each (K,).
+        """
+
+    def apply(self, signals: Signals, motion: Motion, arm: Arm) -> Signals:
+        fine, parts = in_fine_steps(motion)
+        tau, n = signals.tau.copy(), self.joint
+        load = np.interp(fine.t, motion.t, tau[:, n])
+        tau[:, n] += self.friction(fine.t, fine.q[:, n], fine.qd[:, n], load)[::parts]
+        return replace(signals, tau=tau)
+
+
+def in_fine_steps(motion: Motion) -> tuple[Motion, int]:
+    """Return the motion in steps of at most `_STEP` s, and the number of steps per sample."""
+    gaps = np.diff(motion.t)
+    parts = 1 if gaps.size == 0 else max(1, int(np.ceil(gaps.max() / _STEP - 1e-9)))
+    if parts == 1:
+        return motion, 1
+    inner = motion.t[:-1, None] + gaps[:, None] * np.arange(parts) / parts
+    t = np.append(inner.ravel(), motion.t[-1])
+    return Motion(motion.name, t, *motion.path(t), motion.path), parts
 
 
 @dataclass(frozen=True)
@@ -178,31 +171,9 @@ class Friction(JointFriction):
     surfaces: LuGre
     backward: LuGre | None = None
 
-    def friction(self, grid: Grid, signals: Signals) -> FloatArray:
-        return friction_torque(grid.t, grid.q[:, self.joint], grid.qd[:, self.joint],
-                               self.surfaces, self.backward)
-
-
-@dataclass(frozen=True)
-class GreasedGear(JointFriction):
-    """
-    Grease in the gear of a joint, counted from 0, in addition to its dry `surfaces`.
-
-    Its torque is `stress` asinh(v / `thinning`), in N·m and rad/s: the shear stress of grease at
-    the shear rate v (H. Eyring, Viscosity, plasticity, and diffusion as examples of absolute
-    reaction rates, J. Chem. Phys. 4, 1936). It is viscous at low speed and degressive above
-    `thinning`.
-    """
-
-    joint: int
-    stress: float
-    thinning: float
-    surfaces: LuGre
-
-    def friction(self, grid: Grid, signals: Signals) -> FloatArray:
-        v = grid.qd[:, self.joint]
-        dry = friction_torque(grid.t, grid.q[:, self.joint], v, self.surfaces)
-        return np.asarray(dry + self.stress * np.arcsinh(v / self.thinning))
+    def friction(self, t: FloatArray, q: FloatArray, v: FloatArray, load: FloatArray
+                 ) -> FloatArray:
+        return friction_torque(t, q, v, self.surfaces, self.backward)
 
 
 @dataclass(frozen=True)
@@ -222,11 +193,10 @@ class LoadFriction(JointFriction):
     preload: float = 3.0
     presliding: float = 2e-4
 
-    def friction(self, grid: Grid, signals: Signals) -> FloatArray:
-        load = grid.between_samples(signals.tau[:, self.joint])
+    def friction(self, t: FloatArray, q: FloatArray, v: FloatArray, load: FloatArray
+                 ) -> FloatArray:
         surfaces = LuGre(self.fraction, presliding=self.presliding)
-        return friction_torque(grid.t, grid.q[:, self.joint], grid.qd[:, self.joint], surfaces,
-                               normal=np.hypot(self.preload, load))
+        return friction_torque(t, q, v, surfaces, normal=np.hypot(self.preload, load))
 
 
 @dataclass(frozen=True)
@@ -274,10 +244,10 @@ class ThermalFriction(JointFriction):
             out.append(state)
         return np.array(out)
 
-    def friction(self, grid: Grid, signals: Signals) -> FloatArray:
-        v = grid.qd[:, self.joint]
-        cold = friction_torque(grid.t, grid.q[:, self.joint], v, self.surfaces)
-        warm = self.temperature(grid.t, np.abs(cold * v))
+    def friction(self, t: FloatArray, q: FloatArray, v: FloatArray, load: FloatArray
+                 ) -> FloatArray:
+        cold = friction_torque(t, q, v, self.surfaces)
+        warm = self.temperature(t, np.abs(cold * v))
         oil = self.surfaces.viscous * v
         return self.dry_factor(warm) * (cold - oil) + self.viscosity_factor(warm) * oil
 
@@ -294,8 +264,8 @@ class DifferentialFriction:
     surfaces: LuGre
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm) -> Signals:
-        grid, tau, pair = fine_grid(motion), signals.tau.copy(), list(self.pair)
-        torque = friction_torque(grid.t, grid.q[:, pair].sum(axis=1),
-                                 grid.qd[:, pair].sum(axis=1), self.surfaces)
-        tau[:, pair] += torque[grid.at, None]
+        (fine, parts), tau, pair = in_fine_steps(motion), signals.tau.copy(), list(self.pair)
+        torque = friction_torque(fine.t, fine.q[:, pair].sum(axis=1),
+                                 fine.qd[:, pair].sum(axis=1), self.surfaces)
+        tau[:, pair] += torque[::parts, None]
         return replace(signals, tau=tau)

@@ -5,9 +5,8 @@ from dataclasses import replace
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import (
-    DifferentialFriction, Friction, friction_torque, GreasedGear, LoadFriction, LuGre,
-    ThermalFriction)
-from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions, sample
+    DifferentialFriction, Friction, friction_torque, LoadFriction, LuGre, ThermalFriction)
+from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import Signals
 from hypothesis import given, strategies as st
 import numpy as np
@@ -142,29 +141,11 @@ def test_friction_is_passive_on_a_closed_path(seed, level, presliding, ratio):
     assert trapezoid(torque * v, t) > -stored
 
 
-JOINT = 3
-
-
-def torque(speed, gear):
-    """Return the friction at the end of 2 s of motion at a speed in rad/s."""
-    def path(t):
-        qd = np.zeros((len(t), 7))
-        qd[:, JOINT] = speed
-        return qd * t[:, None], qd, 0.0 * qd
-
-    motion = sample('steady', path, 2.0, 200.0)
-    still = Signals(motion.q, motion.qd, np.zeros_like(motion.q))
-    out = gear.apply(still, motion, ARM).tau
-    assert not np.delete(out, JOINT, axis=1).any()
-    return out[-1, JOINT]
-
-
 def test_slow_grease_is_viscous_and_fast_grease_grows_with_the_logarithm():
-    gear = GreasedGear(JOINT, 2.0, 0.05, LuGre(0.0))
-    assert torque(0.001, gear) == pytest.approx(2.0 * 0.001 / 0.05, rel=1e-3)
-    assert torque(2.0, gear) - torque(1.0, gear) == pytest.approx(2.0 * np.log(2.0), rel=1e-3)
-    assert torque(-0.5, gear) == pytest.approx(-torque(0.5, gear))
-    # Coulomb friction is added.
-    dry, both = LuGre(1.5), GreasedGear(JOINT, 2.0, 0.05, LuGre(1.5))
-    alone = torque(0.3, GreasedGear(JOINT, 2.0, 0.05, LuGre(0.0)))
-    assert torque(0.3, both) - alone == pytest.approx(dry.coulomb, rel=1e-3)
+    def torque(speed, coulomb=0.0):
+        return friction_torque(*at_speed(speed), LuGre(coulomb, 40.0, thinning=0.05))[-1]
+
+    assert torque(0.001) == pytest.approx(40.0 * 0.001, rel=1e-3)
+    assert torque(2.0) - torque(1.0) == pytest.approx(2.0 * np.log(2.0), rel=1e-3)
+    assert torque(-0.5) == pytest.approx(-torque(0.5))
+    assert torque(0.3, 1.5) - torque(0.3) == pytest.approx(1.5, rel=1e-3)
