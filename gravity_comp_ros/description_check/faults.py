@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.models.kinematic.chain import Chain, tilt
+from gravity_comp_ros.models.kinematic.chain import ForwardKinematics, tilt
 import numpy as np
 
 AXIS_REVERSED, AXIS_TURNED, ZERO, ORDER = 'axis_reversed', 'axis_turned', 'zero_angle', 'order'
@@ -67,17 +67,14 @@ class FaultyArm:
 
     def gravity(self, q: FloatArray) -> FloatArray:
         """Return the recorded gravity torque (M, N) in N·m at recorded angles (M, N)."""
-        return self.recorded(self.chain().torque(self.angles(q)))
-
-    def chain(self) -> Chain:
-        """Return the chain: every link carries those beyond it at the end of its length."""
         n, moments = len(self.bodies), self.bodies[:, 1:].copy()
-        beyond = np.concatenate([np.cumsum(self.bodies[::-1, 0])[::-1][1:], [0.0]])
-        moments[:-1] += beyond[:-1, None] * self.origins[1:]
+        # Every link carries those beyond it at the end of its length.
+        moments[:-1] += np.cumsum(self.bodies[:0:-1, 0])[::-1, None] * self.origins[1:]
         for i in range(n - 1, 0, -1):
             # A moment along an axis acts as a moment of the link before.
             moments[i - 1] += moments[i, 2] * self.rotations[i][:, 2]
-        return Chain(self.rotations, STANDARD_GRAVITY * moments[:, :2])
+        return self.recorded(ForwardKinematics(self.rotations, self.angles(q)).torque(
+            STANDARD_GRAVITY * moments))
 
     def turned_axis(self, joint: int, turn: FloatArray) -> FaultyArm:
         """Return the arm with the axis of a joint turned by a rotation (3, 3) of its frame."""
