@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gravity_comp_ros.data.runs import median_interval, numbers_in, run_slices
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,7 +86,7 @@ _MIN_SPANS = 20
 _MIN_RATIO, _MAX_RATIO, _MIN_LIKENESS = 0.5, 2.0, 0.6
 
 
-def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray
+def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray, rows: IntArray | None = None
                  ) -> tuple[FloatArray, FloatArray]:
     """
     Return the ratio of qd to dq/dt of each joint (N,), and their correlation (N,).
@@ -94,6 +94,8 @@ def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray
     NaN if a joint moves too little, or if all velocities are 0.
 
     :param t: times (M,) in s of one run; q, qd (M, N).
+    :param rows: numbers (M,) of the samples in the recording. Where several were left out, as
+        after a clock was set back, the time does not tell the slope.
     """
     ratio = np.full(q.shape[1], np.nan)
     likeness = ratio.copy()
@@ -104,7 +106,10 @@ def slope_ratios(t: FloatArray, q: FloatArray, qd: FloatArray
     median_step = float(np.median(steps[rising]))
     length = max(1, int(round(SPAN / median_step)))
     # The mean slope over a gap is not the velocity.
-    gaps = np.append(0, np.cumsum(~rising | (steps > 3.0 * median_step)))
+    is_gap = ~rising | (steps > 3.0 * median_step)
+    if rows is not None:
+        is_gap |= np.diff(rows) > 3
+    gaps = np.append(0, np.cumsum(is_gap))
     whole = gaps[length:] == gaps[:-length]
     for n in range(q.shape[1] if len(t) > length else 0):
         integral = np.append(0.0, np.cumsum(0.5 * (qd[1:, n] + qd[:-1, n]) * steps))

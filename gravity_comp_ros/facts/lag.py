@@ -156,7 +156,7 @@ def velocity_facts(signals: Signals, missing: BoolArray) -> tuple[BoolArray, lis
                               'read as a series of static poses',
                               '--differentiate computes it from the position'))
     if len(signals) >= FACTS.min_samples:
-        ratio, likeness = slope_ratios(signals.t, signals.q, signals.qd)
+        ratio, likeness = slope_ratios(signals.t, signals.q, signals.qd, signals.rows)
         wrong = is_inconsistent(ratio, likeness) & ~missing & ~zero
         if wrong.any():
             names = signals.named(wrong)

@@ -74,13 +74,14 @@ class Cleaning:
         missing = self._missing_velocities()
         self._choose_clock()
         self._check_jumps()
-        start = int(self.times[0])
+        times = self.times[self.rows]
+        start = int(times[0])
         scale = self.options.scale(self.joints)
-        time = (self.times - start) / 1e9
+        time = (times - start) / 1e9
         self.notes += gap_notes(time)
         signals = Signals(
             self.joints, time, self._release('q'), self._release('qd'),
-            self._release('tau'), np.arange(len(self.times)))
+            self._release('tau'), self.rows)
         judged = judge(signals, np.array(list(scale.values())), missing,
                        self.options.joints is not None, self.options.accept)
         del signals
@@ -195,7 +196,7 @@ class Cleaning:
                 f'{(latest[np.argmax(back > 0)] - clock[0]) / 1e9:.4g} s: '
                 f'{counted(int((~rising).sum()), "message")} until it has caught up are left out')
         self._keep(rising, TIME)
-        self.times = clock[rising]
+        self.times, self.rows = clock, np.flatnonzero(rising)
 
 
 def _samples(signals: Signals, path: Path, start: float) -> JointSamples:

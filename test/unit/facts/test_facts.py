@@ -10,7 +10,7 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.facts.fact import Action, Kind
 from gravity_comp_ros.facts.motion import describe
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
-from gravity_comp_ros.recordings.cleaning import NOT_FINITE
+from gravity_comp_ros.recordings.cleaning import NOT_FINITE, TIME
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
@@ -190,6 +190,18 @@ def test_velocities_that_contradict_the_position_are_replaced(tmp_path, velocity
     only(recording, Kind.VELOCITY, Action.CORRECTED, NAMES)
     np.testing.assert_allclose(recording.samples.qd, QD, atol=2e-3)
     assert recording.report.velocity == 'differentiated'
+
+
+def test_a_velocity_agrees_on_both_sides_of_a_clock_that_is_set_back(tmp_path):
+    shift = np.where(T < 25.0, 0, 10)[:, None]
+    rows = []
+    for k, t in enumerate(T):
+        ns = 1_700_000_000 * 10**9 + round(1e9 * (t - shift[k, 0]))
+        rows.append([ns, {'stamp_ns': ns, 'names': list(NAMES), 'position': list(Q[k]),
+                          'velocity': list(QD[k]), 'effort': list(TAU[k])}])
+    recording = read_bag(write_folder(tmp_path / 'bag', {'/joint_states': rows}))
+    assert recording.report.dropped == {TIME: 1000} and facts(recording) == []
+    np.testing.assert_array_equal(recording.samples.q, np.delete(Q, np.arange(2500, 3500), axis=0))
 
 
 def test_a_filtered_and_noisy_velocity_is_kept(tmp_path):
