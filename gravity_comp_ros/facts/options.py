@@ -106,11 +106,9 @@ class FactOptions:
     min_arms: float = 0.6
     min_side_names: int = 2
     min_names: int = 4
-    # rad/s. Mean speed of the fastest joint; time in another unit has smaller ones, compared with
-    # the typical speed. The second one is that of a table with intervals of at least
-    # `long_interval`, in s, which are long for this unit, too.
-    min_speed: float = 5e-4
-    min_sparse_speed: float = 5e-3
+    # rad/s. Mean speed of the fastest joint of a table with intervals of at least `long_interval`,
+    # in s; time in another unit has smaller ones, compared with the typical speed.
+    min_speed: float = 5e-3
     long_interval: float = 0.5
     typical_speed: float = 0.3
     # Factor between a measured velocity and the rate of change of the position.

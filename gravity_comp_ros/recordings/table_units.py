@@ -41,8 +41,8 @@ def check_seconds(path: Path, t: FloatArray, q: FloatArray) -> None:
     if len(t) < 10 or travel < FACTS.min_motion:
         return
     speed = float(np.abs(np.diff(q, axis=0)).sum(axis=0).max()) / duration
-    is_sparse = float(np.median(np.diff(t))) >= FACTS.long_interval
-    if speed >= (FACTS.min_sparse_speed if is_sparse else FACTS.min_speed):
+    # Units smaller than a second have long intervals, read as seconds.
+    if speed >= FACTS.min_speed or float(np.median(np.diff(t))) < FACTS.long_interval:
         return
     unit = min(('ms', 'us', 'ns'),
                key=lambda u: abs(np.log(speed / TIME_UNITS[u] / FACTS.typical_speed)))
@@ -68,21 +68,15 @@ def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
     if np.isnan(ratios).all():
         return
     ratio = float(np.nanmedian(ratios)) / scale
-    without = '--velocity none to compute the velocity from the positions'
-    problems: dict[float, str] = {}
-    if not time_known:
-        problems |= {1 / size: f'the velocity is {1 / size:.0e} times the change of the position: '
-                     f'give --time-unit {unit}'
-                     for unit, size in TIME_UNITS.items() if unit != 's'}
-    problems |= {
-        1 / _DEGREES: f'it seems that the positions are in degrees and the velocity in rad/s: '
-        f'give --position-unit deg, {without}',
-        _DEGREES: f'it seems that the positions are in rad and the velocity in degrees/s: give '
-        f'{without}',
-        -1.0: f'it seems that the velocity has the opposite sign: give {without}'}
-    for factor, problem in problems.items():
+    without = '--velocity none, which computes it from the positions'
+    options = {} if time_known else {1 / size: f'--time-unit {unit}'
+                                     for unit, size in TIME_UNITS.items() if unit != 's'}
+    options |= {1 / _DEGREES: f'--position-unit deg, or {without}', _DEGREES: without,
+                -1.0: without}
+    for factor, option in options.items():
         if 1 / FACTS.tolerance < ratio / factor < FACTS.tolerance:
-            raise BagError(f'{path}: {problem}')
+            raise BagError(f'{path}: the velocity is {ratio:.3g} times the change of the '
+                           f'position: give {option}')
 
 
 # Numbers from here on are no counts of a few turns: they are encoded even if no joint passes 0.
