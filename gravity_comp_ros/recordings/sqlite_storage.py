@@ -14,7 +14,8 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.messages import Batch, batched, Storage, StoredTopic
 
 _SELECT = ('SELECT messages.timestamp, messages.data, messages.id FROM messages JOIN topics '
-           'ON messages.topic_id = topics.id WHERE topics.name = ?')
+           'ON messages.topic_id = topics.id WHERE topics.name = ? AND messages.id >= ? '
+           'ORDER BY messages.id')
 # Errors of a damaged file; its names may be no text, in the messages of sqlite too.
 _FAULTS = (sqlite3.Error, UnicodeDecodeError)
 # Numbers of messages are below.
@@ -55,44 +56,25 @@ class SqliteStorage(Storage):
 
     def _rows(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """Yield log time in ns and bytes of every readable message of a topic, by number."""
-        start, step, gap, count, damage = 0, 1, None, 0, None
+        start, gap, count, damage = 0, None, 0, None
         while start < _END:
             try:
-                for stamp, data, number in self._numbered(topic, start, _END):
-                    if gap is not None:
-                        before = self._before(topic, gap, number)
-                        count += len(before)
-                        yield from before
+                for stamp, data, number in map(_checked, self._base.execute(
+                        _SELECT, (topic, start))):
                     count += 1
                     yield stamp, data
-                    start, step, gap = number + 1, 1, None
+                    start, gap = number + 1, None
                 break
             except _FAULTS as error:
-                # Messages of the same page are not readable either.
+                # Messages of the same page are not readable either. After a damaged part, up to
+                # an eighth of its number is lost, so that a long one takes few attempts.
                 gap = start if gap is None else gap
-                start, step, damage = start + step, 2 * step, error
+                start, damage = start + 1 + (start - gap) // 8, error
         if damage is not None and not count:
             raise self._unreadable(damage) from None
         if damage is not None:
             self.notes = [f'{self._path.name} is damaged ({damage}): the {count} readable '
                           f'messages of {topic} are used']
-
-    def _before(self, topic: str, first: int, end: int) -> list[tuple[int, bytes]]:
-        """Return the messages from `first` to before `end` that no unreadable one follows."""
-        rows = []
-        try:
-            for stamp, data, _ in self._numbered(topic, first, end, 'DESC'):
-                rows.append((stamp, data))
-        except _FAULTS:
-            pass
-        return rows[::-1]
-
-    def _numbered(self, topic: str, first: int, end: int, order: str = 'ASC'
-                  ) -> Iterator[tuple[int, bytes, int]]:
-        """Yield stamp, data and number of messages of a topic by number."""
-        yield from map(_checked, self._base.execute(
-            f'{_SELECT} AND messages.id BETWEEN ? AND ? ORDER BY messages.id {order}',
-            (topic, first, end - 1)))
 
     def close(self) -> None:
         self._base.close()
