@@ -57,7 +57,8 @@ class FactOptions:
     # rad. Maximum difference between a jump and a whole turn: motion and noise of one sample.
     near_turn: float = 0.5
     # Ratio of the variances of the step and of the position, under which positions are those of a
-    # motion rather than poses in a random order (2).
+    # motion rather than poses in a random order (2); also that of the steps over two messages and
+    # over one, under which positions alternate.
     smooth: float = 0.2
     # Share of slow samples below which a recording is fast.
     min_slow: float = 0.2
@@ -99,18 +100,15 @@ class FactOptions:
     gap_steps: float = 100.0
     # s. Between rows of one message; far below any interval of messages.
     same_time: float = 1e-4
-    # Ratio of the step over two messages to that over one, of positions that alternate.
-    max_return: float = 0.2
     # Share of all joints that belong to arms, and number of joint names that two arms have in
     # common if these have sides, and otherwise.
     min_arms: float = 0.6
     min_side_names: int = 2
     min_names: int = 4
     # rad/s. Mean speed of the fastest joint of a table with intervals of at least `long_interval`,
-    # in s; time in another unit has smaller ones, compared with the typical speed.
+    # in s; time in another unit has smaller ones.
     min_speed: float = 5e-3
     long_interval: float = 0.5
-    typical_speed: float = 0.3
     # Factor between a measured velocity and the rate of change of the position.
     tolerance: float = 1.25
 

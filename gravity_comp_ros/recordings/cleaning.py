@@ -165,7 +165,7 @@ class Cleaning:
         for joint in self.q.T if len(self.q) >= 20 else ():
             step = np.median(np.abs(np.diff(joint)))
             back = np.median(np.abs(joint[2:] - joint[:-2]))
-            if step > FACTS.min_motion and back < FACTS.max_return * step:
+            if step > FACTS.min_motion and back < FACTS.smooth * step:
                 raise BagError(
                     f'{self.where}: positions alternate between two values from message to '
                     f'message, as if two robots published the same joint names on one topic; give '

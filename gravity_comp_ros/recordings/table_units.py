@@ -44,8 +44,7 @@ def check_seconds(path: Path, t: FloatArray, q: FloatArray) -> None:
     # Units smaller than a second have long intervals, read as seconds.
     if speed >= FACTS.min_speed or float(np.median(np.diff(t))) < FACTS.long_interval:
         return
-    unit = min(('ms', 'us', 'ns'),
-               key=lambda u: abs(np.log(speed / TIME_UNITS[u] / FACTS.typical_speed)))
+    unit = next((u for u, size in TIME_UNITS.items() if speed / size >= FACTS.min_speed), 'ns')
     raise BagError(f'{path}: with time in s the recording lasts {duration:.3g} s and no joint '
                    f'moves faster than {speed:.2g} rad/s on average: give --time-unit {unit}, or '
                    f's if that is right')
