@@ -86,8 +86,7 @@ def _evidence(samples: JointSamples, geometry: Geometry, arm: FaultyArm, noise: 
     q, qd = samples.q, samples.qd
     qdd = accelerations(samples)
     turned = replace(geometry, rotations=arm.rotations, origins=arm.origins)
-    torque = inverse_dynamics(turned, arm.angles(q), arm.signs * qd[:, arm.order],
-                              arm.signs * qdd[:, arm.order],
+    torque = inverse_dynamics(turned, q[:, arm.order], qd[:, arm.order], qdd[:, arm.order],
                               np.column_stack([arm.bodies, geometry.inertials[:, 4:]]).ravel())
     samples = replace(samples, tau=samples.tau - arm.recorded(torque))
     return FaultEvidence(samples, noise, arm, options)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.models.kinematic.chain import ForwardKinematics, tilt
+from gravity_comp_ros.models.kinematic.chain import about_z, ForwardKinematics, tilt
 import numpy as np
 
 AXIS_REVERSED, AXIS_TURNED, ZERO, ORDER = 'axis_reversed', 'axis_turned', 'zero_angle', 'order'
@@ -35,16 +35,13 @@ class FaultyArm:
     A serial arm of N joints, as the recording reports it.
 
     `rotations`, `origins` as in `Geometry`; `bodies` (N, 4) are mass in kg and first moment in
-    kg m of all links of each frame. The true angle of axis i is `signs` times the recorded one
-    plus `zeros` in rad; its torque is recorded with the factor `gains`, and with its sign.
+    kg m of all links of each frame. The torque about axis i is recorded with the factor `gains`.
     `order` (N,) is the column of the recording that belongs to axis i.
     """
 
     rotations: FloatArray
     origins: FloatArray
     bodies: FloatArray
-    signs: FloatArray
-    zeros: FloatArray
     gains: FloatArray
     order: IntArray
 
@@ -53,16 +50,12 @@ class FaultyArm:
                   bodies: FloatArray) -> FaultyArm:
         """Return the arm as described."""
         n = len(rotations)
-        return cls(rotations, origins, bodies, np.ones(n), np.zeros(n), np.ones(n), np.arange(n))
-
-    def angles(self, q: FloatArray) -> FloatArray:
-        """Return the angles (M, N) of the axes from recorded ones, rad."""
-        return np.asarray(self.signs * q[:, self.order] + self.zeros)
+        return cls(rotations, origins, bodies, np.ones(n), np.arange(n))
 
     def recorded(self, torque: FloatArray) -> FloatArray:
         """Return the torque (M, N) as recorded, from that about the axes."""
         result = np.empty_like(torque)
-        result[:, self.order] = self.signs * self.gains * torque
+        result[:, self.order] = self.gains * torque
         return result
 
     def gravity(self, q: FloatArray) -> FloatArray:
@@ -73,7 +66,7 @@ class FaultyArm:
         for i in range(n - 1, 0, -1):
             # A moment along an axis acts as a moment of the link before.
             moments[i - 1] += moments[i, 2] * self.rotations[i][:, 2]
-        return self.recorded(ForwardKinematics(self.rotations, self.angles(q)).torque(
+        return self.recorded(ForwardKinematics(self.rotations, q[:, self.order]).torque(
             STANDARD_GRAVITY * moments))
 
     def turned_axis(self, joint: int, turn: FloatArray) -> FaultyArm:
@@ -88,10 +81,10 @@ class FaultyArm:
             origins[joint + 1] = turn.T @ origins[joint + 1]
         return replace(self, rotations=rotations, origins=origins, bodies=bodies)
 
-    def turned_base(self, turn: FloatArray) -> FaultyArm:
-        """Return the arm with its base turned by a rotation (3, 3)."""
+    def turned_frame(self, joint: int, turn: FloatArray) -> FaultyArm:
+        """Return the arm with the frame of a joint, and all links beyond, turned: R_i turn."""
         rotations = self.rotations.copy()
-        rotations[0] = turn @ rotations[0]
+        rotations[joint] = rotations[joint] @ turn
         return replace(self, rotations=rotations)
 
     def with_body(self, joint: int, change: FloatArray) -> FaultyArm:
@@ -166,7 +159,8 @@ def possible_faults(arm: FaultyArm, joints: tuple[str, ...],
     """
     factor = np.array([options.factor])
     faults = [Fault(MOUNT, ('base',), np.full(2, options.angle), np.array([*_TURNS, [np.pi, 0.0]]),
-                    lambda arm, p: arm.turned_base(tilt(p[None])[0]))]
+                    lambda arm, p: replace(arm, rotations=np.concatenate([
+                        tilt(p[None]) @ arm.rotations[:1], arm.rotations[1:]])))]
     faults += [Fault(UNIT, ('all joints',), factor * size, np.array([[size], [-size]]),
                      lambda arm, p: replace(arm, gains=arm.gains * p[0])) for size in _UNITS]
     for n, joint in enumerate(joints):
@@ -177,16 +171,15 @@ def possible_faults(arm: FaultyArm, joints: tuple[str, ...],
 
 def _of_joint(described: FaultyArm, n: int, joint: str, options: CheckOptions) -> list[Fault]:
     """Return the faults of one joint alone."""
-    here = np.arange(len(described.signs)) == n
     mass = max(float(described.bodies[n:, 0].sum()), options.min_mass)
     lever = max(options.min_lever,
                 float(np.linalg.norm(described.origins[n + 1:], axis=1).sum()))
     return [
         Fault(AXIS_REVERSED, (joint,), *_NONE,
-              lambda arm, _: replace(arm, signs=np.where(here, -arm.signs, arm.signs))),
+              lambda arm, _: arm.turned_axis(n, np.diag([1.0, -1.0, -1.0]))),
         Fault(ZERO, (joint,), np.array([options.angle]),
               np.array([[0.0], [_QUARTER], [-_QUARTER], [np.pi]]),
-              lambda arm, p: replace(arm, zeros=arm.zeros + p[0] * here)),
+              lambda arm, p: arm.turned_frame(n, about_z(p[0]))),
         Fault(AXIS_TURNED, (joint,), np.full(2, options.angle), _TURNS,
               lambda arm, p: arm.turned_axis(n, tilt(p[None])[0])),
         Fault(GAIN, (joint,), np.array([options.factor]), np.array([[1.0], [-1.0]]),

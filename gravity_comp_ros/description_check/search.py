@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.runs import per_error
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.description_check.faults import CheckOptions, Fault, FaultyArm
+from gravity_comp_ros.description_check.faults import (
+    AXIS_TURNED, CheckOptions, Fault, FaultyArm)
 from gravity_comp_ros.effects.motion_direction import directions
 from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.regression.options import EngineOptions
@@ -100,10 +101,10 @@ class FaultEvidence:
 
 def changed(arm: FaultyArm, faults: Sequence[Fault], parameters: FloatArray) -> FaultyArm:
     """Return the arm with faults, their parameters one after another."""
-    start = 0
-    for fault in faults:
-        arm = fault.change(arm, parameters[start:start + fault.size])
-        start += fault.size
+    own = np.split(parameters, np.cumsum([fault.size for fault in faults]))
+    # An axis is turned in the frame of the description, before that frame turns.
+    for fault, part in sorted(zip(faults, own), key=lambda each: each[0].kind != AXIS_TURNED):
+        arm = fault.change(arm, part)
     return arm
 
 
