@@ -20,7 +20,7 @@ from gravity_comp_ros.effects.rigid_body import DYNAMICS
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.gravity_model import CHOICES, GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.sparse.dictionary import at_rest
+from gravity_comp_ros.models.sparse.dictionary import at_rest, n_features
 from gravity_comp_ros.models.sparse.sparse_fit import fit_per_joint, fit_potential, SparseFit
 from gravity_comp_ros.regression.common_settings import common_of, with_common
 from gravity_comp_ros.regression.dictionary_columns import Energy, Torques
@@ -75,10 +75,13 @@ class FitOptions:
 
     def check_joints(self, samples: JointSamples) -> None:
         """
-        Check that the known axes are those of the samples' joints.
+        Check that the known axes are those of the samples' joints, and their number.
 
         :raises ModelMismatchError: if they are of other joints, or in another order.
+        :raises DataError: if they are too many for the dictionary.
         """
+        if self.formulation in ('potential', 'per_joint'):
+            n_features(samples.n_joints)
         if self.geometry is not None and self.geometry.joints != samples.names:
             raise ModelMismatchError(f'the known axes are of {", ".join(self.geometry.joints)}, '
                                      f'but the samples are of {", ".join(samples.names)}')

@@ -25,7 +25,8 @@ def folder(tmp_path_factory):
     root = tmp_path_factory.mktemp('update')
     load = ['--payload', '2', '--payload-com', *map(str, COM), '--start', '100']
     for name, *more in (
-            ('bare', '--seed', '1'), ('bare_rough', '--seed', '1', *FRICTION),
+            ('bare', '--seed', '1'),
+            ('bare_rough', '--seed', '1', '--rate', '2.5', *FRICTION),
             ('tool', '--seed', '2', '--samples', '50', *load),
             ('tool_rough', '--seed', '2', '--samples', '100', *load, *FRICTION),
             ('few', '--seed', '2', '--samples', '8', *load)):

@@ -3,11 +3,10 @@
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.estimation.estimate import FitOptions
-from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.evaluation.compare import (
     compare, compare_prediction, Comparison)
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.synthesise import NoiseOptions, synthesise, SynthesisOptions
@@ -160,10 +159,8 @@ def test_band_counts_by_hand():
     assert comparison.to_json()['joints']['j0']['in_band_outside'] is None
 
 
-def test_the_band_of_a_model_covers_95_percent():
-    small_motion = synthesise(ARM, motions.eq17(), SynthesisOptions(NoiseOptions(absolute=0.1),
-                                                                    static=True))
-    model = fit(small_motion, FitOptions('potential')).model
+def test_the_band_of_a_model_covers_95_percent(iiwa_model_file):
+    model = load_model(iiwa_model_file)
     noise = SynthesisOptions(NoiseOptions(absolute=0.1), seed=1, static=True)
     samples = concatenate([synthesise(ARM, motion, noise) for motion in (
         motions.eq17(start=100.0), motions.random_poses(ARM.lower, ARM.upper, 300))])

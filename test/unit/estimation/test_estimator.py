@@ -1,6 +1,5 @@
 """The estimator: friction fitted with gravity, outliers, correct reported errors."""
 
-from dataclasses import replace
 
 from bench.shared.campaign import campaign
 from bench.shared.rough_links import two_links
@@ -91,20 +90,6 @@ def test_noise_after_an_addition_is_the_error_of_the_prediction(formulation):
     joints = compare(refitted, data.select(slow), data).joints
     assert refitted.noise == pytest.approx([joints[name].rmse for name in data.names], rel=1e-6)
     assert refitted.noise[0] < 0.1 < model.noise[0]
-
-
-@pytest.mark.campaign
-def test_a_brake_engagement_hardly_counts_and_is_reported(samples):
-    tau = samples.tau.copy()
-    tau[200:210, 3] += 25.0
-    tau[77, 1] -= 80.0
-    fitted = fit(replace(samples, tau=tau))
-    assert worst(fitted.model, ARM, WIDE) < 0.2
-    spoilt = fitted.report.outliers
-    assert spoilt['iiwa_joint_4'].n == 10 and spoilt['iiwa_joint_2'].n >= 1
-    assert spoilt['iiwa_joint_4'].first == pytest.approx(samples.t[200])
-    assert any('outliers with reduced weight: 10 samples of iiwa_joint_4' in line
-               for line in fitted.report.warnings)
 
 
 def test_outliers_of_two_runs_are_reported_with_both(samples):

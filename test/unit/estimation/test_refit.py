@@ -108,7 +108,7 @@ def test_unused_samples_have_no_influence():
 
 
 def test_the_samples_of_the_fit_are_fitted():
-    samples = two_links(1, 600)
+    samples = two_links(1, 240)
     for gate in (GateOptions(0.1), None):
         recording = Recording(samples, gate)
         joint = fit_model(recording, FitOptions('chain'), [FRICTION[0]])[1]
@@ -116,7 +116,7 @@ def test_the_samples_of_the_fit_are_fitted():
         n_slow = int((np.abs(samples.qd) <= limit).all(axis=1).sum())
         again = add_to_model(fitted(), recording, [FRICTION[0]])
         assert joint.n_samples == again.n_samples == n_slow
-        assert gate is None or 300 < n_slow < 600
+        assert gate is None or 120 < n_slow < 240
 
 
 def test_a_forced_effect_that_the_samples_do_not_excite_is_left_out(monkeypatch):

@@ -89,7 +89,7 @@ def test_half_a_minute_of_motion_identifies_it_with_friction_on_one_joint(seed):
     """A fit of gravity alone yields a tilted base for such motion."""
     arm = arms.iiwa7()
     motion = multisine(arm.lower, arm.upper, np.full(7, 2.0), seed,
-                       MultisineOptions(max_speed=1.2), 30.0, 100.0)
+                       MultisineOptions(max_speed=1.2), 30.0, 50.0)
     samples = synthesise(arm, motion, SynthesisOptions(
         NoiseOptions(absolute=0.1), seed, disturbances=[Friction(3, LuGre(1.0))]))
     model = fit(samples, FitOptions('chain', geometry=geometry_of(arm))).model

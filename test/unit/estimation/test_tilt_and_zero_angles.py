@@ -187,17 +187,6 @@ def test_a_payload_on_a_ceiling_has_the_right_mass(angle):
         assert worst(updated.model, loaded) < 0.3
 
 
-@pytest.mark.campaign
-def test_an_arm_with_balancers_is_fitted_without_known_axes():
-    # Balancers, of energy 15 sin(q2) sin(q4), 7.5 cos(2 q2) and 7.5 sin(2 q1): not a chain.
-    balanced = np.zeros_like(Q)
-    balanced[:, 0] = 15.0 * np.cos(2.0 * Q[:, 0])
-    balanced[:, 1] = 15.0 * (np.cos(Q[:, 1]) * np.sin(Q[:, 3]) - np.sin(2.0 * Q[:, 1]))
-    balanced[:, 3] = 15.0 * np.sin(Q[:, 1]) * np.cos(Q[:, 3])
-    result = fit_model(Recording(held(ARM, add=balanced)), FitOptions(geometry=AXES))[0]
-    assert result.model.formulation == 'potential' and result.model.geometry is None
-
-
 OFF = np.radians([1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
 
 

@@ -18,7 +18,7 @@ from gravity_comp_ros.estimation.payload_path import path_moments, payload_path
 from gravity_comp_ros.estimation.update import reversal_std, update
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.kinematic.geometry import Geometry, same_axes
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.simulation import arms, motions
@@ -40,10 +40,11 @@ def recorded(arm, q, seed: int = 1) -> JointSamples:
 
 
 @pytest.fixture(scope='module')
-def old():
-    """Return models of the bare iiwa from Yu 2022, Eq. (17), by formulation."""
-    samples = recorded(ARM, motions.eq17().q, 0)
-    return {name: fit(samples, FitOptions(name)).model for name in ('chain', 'potential')}
+def old(iiwa_model_file):
+    """Return models of the bare iiwa by formulation: of Yu 2022, Eq. (17), and random poses."""
+    anywhere = recorded(ARM, motions.random_poses(ARM.lower, ARM.upper, 250).q, 0)
+    return {'chain': load_model(iiwa_model_file),
+            'potential': fit(anywhere, FitOptions('potential')).model}
 
 
 @pytest.mark.parametrize('formulation, seed, mass, com, known', [
@@ -127,14 +128,6 @@ def test_a_change_that_is_no_payload_is_reported(old):
     assert np.sqrt((error ** 2).mean(axis=0)).max() <= 0.1
 
 
-def test_known_axes_are_kept():
-    result = fit(recorded(ARM, motions.eq17().q, 0), FitOptions('chain', geometry=IIWA))
-    assert same_axes(result.model.geometry, IIWA)
-    assert result.report.known_axes and result.report.base_tilt == 0.0
-    assert result.report.zero_angles == {}
-    assert worst(result.model, ARM, LATER) <= 0.02
-
-
 def test_axes_of_another_arm_are_rejected(old):
     wrong = Geometry(IIWA.joints, np.concatenate([IIWA.rotations[:3], IIWA.rotations[4:],
                                                   IIWA.rotations[3:4]]),
@@ -212,7 +205,8 @@ def test_an_unidentified_axis_is_identified_with_the_payload(old, wide):
     arm = with_payload(ARM, Payload(2.0, (0.05, 0.0, 0.1)))
     model = old['chain']
     moments, std = model.chain.moments[6], np.sqrt(np.diag(model.covariance)[-2:])
-    assert (np.abs(moments) < 3.0 * std).all() and np.abs(moments).max() < 0.05
+    # The payload has 1 N·m.
+    assert (np.abs(moments) < 3.0 * std).all() and np.abs(moments).max() < 0.1
     model = update(model, recorded(arm, LATER[:50])).model
     error = (model.predict(wide) - gravity_torque(arm, wide))[:, 6]
     assert np.sqrt((error ** 2).mean()) <= 0.1

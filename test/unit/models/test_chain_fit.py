@@ -32,14 +32,14 @@ def parallel_arm(n: int, level: bool) -> arms.Arm:
 
 @pytest.fixture(scope='module')
 def iiwa():
-    """Return the arm, the fit of 500 samples of Yu 2022, Eq. (17), and the samples."""
+    """Return the arm, and the fit of 500 samples of Yu 2022, Eq. (17)."""
     arm, q = arms.iiwa7(), motions.eq17().q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 3, arm.joints)
-    return arm, fit(samples, CHAIN), samples
+    return arm, fit(samples, FitOptions('auto'))
 
 
 def test_a_small_motion_yields_accuracy_over_the_whole_joint_range(iiwa):
-    arm, result, _ = iiwa
+    arm, result = iiwa
     assert worst(result.model, arm, motions.eq17(start=100.0).q) <= 0.03
     wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
     assert worst(result.model, arm, wide) <= 0.15
@@ -170,7 +170,7 @@ def energy_samples(features: dict[str, float], n: int, noise: float):
 
 
 def test_auto_selects_the_chain_if_its_residual_is_white_and_else_the_potential(iiwa):
-    result = fit(iiwa[2], FitOptions('auto'))
+    _, result = iiwa
     assert result.model.formulation == 'chain'
     assert 'is white' in result.report.why
     # No serial arm has this combination of features.

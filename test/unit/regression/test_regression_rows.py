@@ -166,7 +166,7 @@ def test_rows_keep_the_means_of_all_samples():
 
 
 def test_a_model_of_means_is_that_of_all_samples():
-    samples = recording(1000.0, 15.0)
+    samples = recording(500.0, 15.0)
     coarse, fine = (fit(samples, FitOptions(engine=each)).model for each in (OPTIONS, ALL))
     names = {effect.target for effect in fine.fitted.effects}
     assert {'coulomb_friction:j0', 'coulomb_friction:j1'} <= names

@@ -10,7 +10,7 @@ from bench.shared.serial_arms import geometry_of, poses, samples_of, serial_arm
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.links import described_arm
-from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.registry import all_effects, known_effect
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.codec import decode, encode
 from gravity_comp_ros.models.kinematic.arm_columns import basis_of, described_columns
@@ -97,7 +97,7 @@ def test_dynamics_of_known_lengths_are_those_of_pinocchio(arm):
                                inverse_dynamics(arm, state.q, state.qd, state.qdd), atol=1e-8)
 
 
-@settings(max_examples=15)
+@settings(max_examples=5)
 @given(st.integers(1, 6), st.integers(0, 1000))
 def test_columns_of_unknown_lengths_are_the_derivatives_of_their_torque(n, seed):
     shared = augmented(serial_arm(n, seed))
@@ -316,7 +316,7 @@ def test_a_vertical_first_axis_turns_as_the_torque_of_motion_says(seed):
     problem = Problem.of(samples)
     start = start_axes(problem, ())
     for shared in (start, start.with_first_reversed()):
-        found = regress(problem, shared, tuple(all_effects().values()))
+        found = regress(problem, shared, (known_effect('torque_ripple'),))
         assert (found.noise / problem.white_noise).max() < 1.3
 
 
