@@ -105,20 +105,16 @@ class Rig:
 
 
 def measure(build: str, seed: int, poses: int) -> Result:
-    """Return the drifts of one arm at each stage, with the messages of the node before it."""
+    """Return the drifts of one arm at each stage."""
     from bench.shared.ros_harness import running
     drifts: dict[str, list[float]] = {}
-    told: dict[str, list[str]] = {}
     with running({'unlimited_torque': True}) as (_, probe):
         rig = Rig(probe, build, seed)
         rng = np.random.default_rng([seed, 9])
 
         def stage(name: str) -> None:
-            start = rng.uniform(rig.low, rig.high, (poses, len(rig.low)))
-            told[name] = [probe.status['model'].message]
-            drifts[name] = [rig.drift(q) for q in start]
-            told[name] += [probe.status['learning'].message,
-                           probe.values('learning').get('last fit', '')]
+            drifts[name] = [rig.drift(q) for q in rng.uniform(
+                rig.low, rig.high, (poses, len(rig.low)))]
 
         rig.move(0.0, 75.0)
         stage('no load')
@@ -128,19 +124,13 @@ def measure(build: str, seed: int, poses: int) -> Result:
         stage('2 kg, 15 s')
         rig.move(90.0, 60.0)
         stage('2 kg, 75 s')
-    return {'build': build, 'drifts': drifts, 'messages': told}
+    return {'build': build, 'drifts': drifts}
 
 
 def options(parser: ArgumentParser) -> None:
     builds_and_seeds(parser)
     parser.set_defaults(seeds=[0, 1, 2])
     parser.add_argument('--poses', type=int, default=5)
-
-
-def line(result: Result) -> str:
-    return '\n'.join(f'  {stage}: drift {np.round(drifts, 2)} degrees; '
-                     f'{"; ".join(text[:200] for text in result["messages"][stage])}'
-                     for stage, drifts in result['drifts'].items())
 
 
 def totals(results: Sequence[Result]) -> str:
@@ -154,4 +144,5 @@ def totals(results: Sequence[Result]) -> str:
 
 
 if __name__ == '__main__':
-    sys.exit(run(__doc__, options, lambda args: each(args, args.poses), measure, line, totals))
+    sys.exit(run(__doc__, options, lambda args: each(args, args.poses), measure,
+                 lambda result: totals([result]), totals))

@@ -36,7 +36,7 @@ RATE = GateOptions(rate_hz=None)
 
 
 def trial(name: str, seed: int, is_known: bool, is_wide: bool, is_same: bool) -> Result:
-    """Return errors, half widths and coverage of the calibrated joints of one case, in percent."""
+    """Return the errors in percent, and the coverage, of the calibrated joints of one case."""
     rng = generator(name, seed, 11)
     text, joints = urdf(name), SOURCES[name].joints
     arm = arm_of(text)
@@ -64,7 +64,6 @@ def trial(name: str, seed: int, is_known: bool, is_wide: bool, is_same: bool) ->
     found = [(scales[joint], true) for joint, true in zip(joints, constants) if joint in scales]
     return {'joints': len(joints),
             'errors': [100.0 * (scale.value / true - 1.0) for scale, true in found],
-            'halves': [50.0 * float(np.ptp(scale.ci95)) / true for scale, true in found],
             'covers': [bool(scale.ci95[0] <= true <= scale.ci95[1]) for scale, true in found]}
 
 
@@ -80,13 +79,10 @@ def cases(args: Namespace) -> dict[str, tuple[Any, ...]]:
     return each(args, args.com, args.wide, args.same_zero)
 
 
-def line(result: Result) -> str:
-    return 'error in %: ' + ', '.join(
-        f'{error:+.2f} ± {half:.2f}' for error, half in zip(result['errors'], result['halves']))
-
-
 def totals(results: Sequence[Result]) -> str:
     size = np.abs([error for result in results for error in result['errors']])
+    if not len(size):
+        return 'no joint calibrated'
     covers = [covers for result in results for covers in result['covers']]
     return (f'{len(size)} of {sum(result["joints"] for result in results)} joints calibrated; '
             f'error: median {np.median(size):.2f} %, 95 % below {np.quantile(size, 0.95):.2f} %, '
@@ -95,4 +91,4 @@ def totals(results: Sequence[Result]) -> str:
 
 
 if __name__ == '__main__':
-    sys.exit(run(__doc__, options, cases, trial, line, totals))
+    sys.exit(run(__doc__, options, cases, trial, lambda result: totals([result]), totals))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture(scope='session')
 def nodes():
     nodes = Nodes()
     yield nodes
