@@ -31,7 +31,7 @@ MOMENTS = -np.array([[0, 0], [52, 4], [18, 5], [0.3, 0], [2.2, 1.1], [0.2, 0.4]]
 def arm(seed=0, noise=0.05):
     """Return slow samples of the arm, with friction."""
     rng = np.random.default_rng(seed)
-    t = np.arange(600) / 10
+    t = np.arange(3000) / 50
     omega, phase = rng.uniform(0.1, 0.25, 6), rng.uniform(0, 6, 6)
     q = rng.uniform(-0.7, 0.7, 6) + 0.6 * np.sin(omega * t[:, None] + phase)
     qd = 0.6 * omega * np.cos(omega * t[:, None] + phase)
