@@ -79,11 +79,11 @@ def _workbench(folder: Path) -> None:
         assert match is not None
         home = match[0].split('?')[0]
         with watched(home, color_scheme='light') as tab:
-            address = _worked(tab, match[0])
-        # The same session, on another screen.
+            _worked(tab, match[0])
+        # The same work, on another screen.
         with watched(home, color_scheme='dark') as tab:
             tab.page.set_viewport_size(_NARROW)
-            _opened(tab, address)
+            _opened(tab, match[0])
             _look(tab, 'Summary', 'Error of each joint')
             tab.page.screenshot(path=PICTURES / 'workbench-narrow-dark.png')
     finally:
@@ -91,8 +91,8 @@ def _workbench(folder: Path) -> None:
         process.wait(_WAIT)
 
 
-def _worked(tab: Watched, address: str) -> str:
-    """Run the loop once; return the address of the session."""
+def _worked(tab: Watched, address: str) -> None:
+    """Run the loop once."""
     page = tab.page
     _opened(tab, address)
     add = page.get_by_role('button', name='Add coulomb_friction:iiwa_joint_4')
@@ -108,7 +108,6 @@ def _worked(tab: Watched, address: str) -> str:
     page.wait_for_selector('html.dark')
     _look(tab, 'Over time', 'Over time')
     page.screenshot(path=PICTURES / 'workbench-dark.png')
-    return str(page.url)
 
 
 def _smaller(path: Path) -> None:

@@ -3,7 +3,7 @@
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.workbench.jobs import JobRunner, Step
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.store import State
+from gravity_comp_ros.workbench.stages import Choice
 from gravity_comp_ros.worker.worker_process import Done, Failed
 
 
@@ -33,9 +33,9 @@ class InProcess:
             return [(job, Failed(str(problem)))]
 
 
-def session_of(*paths, place=None, **start):
+def session_of(*paths, choice=Choice(), given=()):
     """Return a session of recordings with no job done."""
-    return Session(State(paths, **start), InProcess(), '0123456789abcdef', place)
+    return Session(paths, choice, given, InProcess())
 
 
 def worked(session, until=None):

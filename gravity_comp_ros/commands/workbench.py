@@ -6,9 +6,8 @@ For example:
   gravity_comp workbench run1.mcap --model arm.json --model before.json     compare two models
   gravity_comp workbench run1.mcap --no-browser --port 5010
 
-The page is served to this machine only, unless --host is given. Sessions are saved continuously
-(~/.local/state/gravity_comp/workbench) and can be resumed; --forget saves none. Stop the server
-with Ctrl-C.
+The page is served to this machine only, unless --host is given. Save the model before you stop the
+server with Ctrl-C: `--model arm.json` continues from it.
 """
 
 from __future__ import annotations
@@ -37,8 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         int, 'a port (0 to 65535)', lambda value: 0 <= value <= 65535),
                         help='0 for any free port (default: %(default)s)')
     parser.add_argument('--no-browser', action='store_true', help='do not open a browser window')
-    parser.add_argument('--forget', action='store_true',
-                        help='save no session on disk, and list none')
     arguments.add_gate(parser, 'samples for the fit and the errors of gravity')
     arguments.add_urdf(parser, f'{arguments.DRAWN}; also the joint axes of fitted models',
                        fixed=False)
@@ -53,9 +50,10 @@ def run(args: argparse.Namespace) -> int:
         with open_storage(bag):
             pass
     # Imported here because other verbs do not require Bokeh.
-    from gravity_comp_ros.workbench import store
+    from gravity_comp_ros.workbench.jobs import new_worker
     from gravity_comp_ros.workbench.serve import serve
-    from gravity_comp_ros.workbench.store import Choice, Stage, State
+    from gravity_comp_ros.workbench.session import Session
+    from gravity_comp_ros.workbench.stages import Choice, Stage
     reading = arguments.read_options(args)
     choice = Choice((), reading.joints or (), args.formulation or CHOICES[0],
                     reading, arguments.gate(args))
@@ -64,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         # The same default as `fit`: a chain with --urdf.
         choice = replace(choice, urdf=args.urdf.resolve(),
                          formulation=args.formulation or 'chain')
-    state = State(tuple(args.bags), choice, tuple(map(Stage.of_file, args.model)))
-    serve(state, None if args.forget else store.folder(), args.host, args.port,
-          not args.no_browser)
+    given = tuple(map(Stage.of_file, args.model))
+    session = Session(tuple(args.bags), choice, given, new_worker())
+    serve(session, args.host, args.port, not args.no_browser)
     return 0

@@ -17,7 +17,7 @@ from typing import BinaryIO
 import urllib.parse
 
 from gravity_comp_ros.workbench.page import Page
-from gravity_comp_ros.workbench.session import Sessions
+from gravity_comp_ros.workbench.session import upload_folder
 from tornado.web import RequestHandler, stream_request_body
 
 _HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'SAMEORIGIN',
@@ -27,14 +27,11 @@ _HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'SAMEORIGIN'
 
 
 class Handler(RequestHandler):
-    """A request with the token of the server for the `page` of an open session."""
+    """A request with the token of the server."""
 
-    needs_session = True
-    page: Page
-
-    def initialize(self, sessions: Sessions, token: str) -> None:
+    def initialize(self, page: Page, token: str) -> None:
         """Store what all requests share."""
-        self.sessions, self.token = sessions, token
+        self.page, self.token = page, token
 
     def set_default_headers(self) -> None:
         """Set the headers of every answer."""
@@ -42,19 +39,14 @@ class Handler(RequestHandler):
             self.set_header(name, value)
 
     def prepare(self) -> None:
-        """Refuse a request without the token or a session, or a change from another site."""
+        """Refuse a request without the token, or a change from another site."""
         given = self.get_query_argument('token', '')
         origin = urllib.parse.urlsplit(self.request.headers.get('Origin', '')).netloc
-        session = self.sessions.open.get(self.get_query_argument('session', ''))
         if not compare_digest(given.encode(), self.token.encode()):
             self.refuse(403, 'open the address that the terminal of the workbench shows: it '
                              'contains a token')
         elif self.request.method not in ('GET', 'HEAD') and origin != self.request.host:
             self.refuse(403, 'only this page may upload a recording or change a session')
-        elif session is not None:
-            session.page = self.page = session.page or Page(session)
-        elif self.needs_session:
-            self.refuse(404, 'this session is not open')
 
     def refuse(self, status: int, reason: str) -> None:
         """End the request with a line of text."""
@@ -82,9 +74,8 @@ def safe_name(name: str) -> str | None:
 
 @stream_request_body
 class UploadHandler(Handler):
-    """Receives a file for an open session: PUT /upload?token=TOKEN&session=ID&name=FILE."""
+    """Receives a file: PUT /upload?token=TOKEN&name=FILE."""
 
-    _running: UploadHandler | None = None
     _file: BinaryIO | None = None
 
     def prepare(self) -> None:
@@ -93,31 +84,27 @@ class UploadHandler(Handler):
         if self._finished:
             return
         name = safe_name(self.get_query_argument('name', ''))
-        session = self.page.session
         size = self.request.headers.get('Content-Length', '')
-        if session.read is None:
+        if self.page.session.read is None:
             self.refuse(409, 'wait until the recordings have been read')
-        elif UploadHandler._running is not None:
-            self.refuse(409, 'wait until the other upload has ended')
         elif name is None:
             self.refuse(415, 'upload one file that ends in .mcap or .db3')
         elif not size.isdecimal() or int(size) > MAX_BYTES:
             self.refuse(413, f'the file is larger than {MAX_BYTES >> 30} GiB: name it on the '
                         f'command line of the workbench')
         else:
-            folder = self.sessions.upload_folder(session.id)
-            kept = sum(path.stat().st_size for path in folder.parent.rglob('*') if path.is_file())
+            folder = upload_folder()
+            kept = sum(path.stat().st_size for path in folder.glob('*'))
             if kept + int(size) > MAX_TOTAL:
                 self.refuse(507, f'all uploaded recordings together would be larger than '
-                            f'{MAX_TOTAL >> 30} GiB: delete some in {folder.parent}')
+                            f'{MAX_TOTAL >> 30} GiB: delete some in {folder}')
                 return
             # The default limit of tornado is smaller.
             self.request.connection.set_max_body_size(MAX_BYTES)  # type: ignore[union-attr]
-            self._session, self._path = session, folder / f'{secrets.token_hex(3)}_{name}'
+            self._path = folder / f'{secrets.token_hex(3)}_{name}'
             with self._saving():
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)
                 self._file = self._path.with_suffix(_PARTIAL).open('xb')
-                UploadHandler._running = self
 
     def data_received(self, chunk: bytes) -> None:
         """Write a part of the file; refuse a file that does not start like a recording."""
@@ -137,7 +124,7 @@ class UploadHandler(Handler):
             self.refuse(507, f'cannot save the file: {problem.strerror}')
 
     def put(self) -> None:
-        """Add the complete file to the session."""
+        """Add the complete file to the recordings."""
         if self._file is None:
             return
         if not self._file.tell():
@@ -147,8 +134,8 @@ class UploadHandler(Handler):
             # A full disk may show only now.
             self._file.close()
             self._path.with_suffix(_PARTIAL).rename(self._path)
-            self._file = UploadHandler._running = None
-            self._session.add_recording(self._path)
+            self._file = None
+            self.page.session.add_recording(self._path)
             self.set_status(204)
 
     def on_connection_close(self) -> None:
@@ -162,7 +149,6 @@ class UploadHandler(Handler):
 
     def _drop(self) -> None:
         if self._file is not None:
-            UploadHandler._running = None
             with suppress(OSError):
                 self._file.close()
             self._path.with_suffix(_PARTIAL).unlink(missing_ok=True)

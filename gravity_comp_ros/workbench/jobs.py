@@ -25,7 +25,7 @@ from gravity_comp_ros.planning.collision import arm_limits
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.planning.plan import plan
 from gravity_comp_ros.recordings.bag import ReadReport
-from gravity_comp_ros.workbench.store import Choice
+from gravity_comp_ros.workbench.stages import Choice
 from gravity_comp_ros.worker.serve import ProgressCallback
 from gravity_comp_ros.worker.worker_process import command, Worker
 import numpy as np

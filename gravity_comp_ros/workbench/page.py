@@ -18,7 +18,6 @@ from gravity_comp_ros.workbench import panels, settings
 from gravity_comp_ros.workbench.jobs import ReadResult
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.store import Entry
 from gravity_comp_ros.workbench.widgets import button, select
 
 
@@ -123,7 +122,7 @@ def status_html(results: Results) -> str:
     job, event = session.worker.job, session.progress
     # A fit of all samples and the settings may give the same warning: show it once.
     warnings = dict.fromkeys(filter(None, (
-        session.save_error, session.warning, results.slow_warning(),
+        session.warning, results.slow_warning(),
         *(session.stage.warnings if session.stage else ()))))
     below = ''.join(f'<p class="warning">{markup.text(text)}</p>' for text in warnings)
     if job is not None:
@@ -149,16 +148,3 @@ def facts_html(read: ReadResult) -> str:
         f'{markup.text(fact.sentence)}</li>' for name, fact in lines)
     return f'<details open><summary>Facts of the recordings ({len(lines)})</summary>' \
            f'<ul>{listed}</ul></details>'
-
-
-def earlier_html(saved: Sequence[Entry], token: str) -> str:
-    """Return links to sessions that can be resumed."""
-    if not saved:
-        return ''
-    lines = ''.join(
-        f'<li><a href="?token={token}&amp;session={markup.text(entry.id)}">'
-        f'{markup.text(", ".join(entry.recordings))}</a><br>'
-        f'<span class="quiet">{markup.text(entry.changed[:16].replace("T", " "))}, '
-        f'{markup.text(", ".join(entry.stages[-3:]))}</span></li>' for entry in saved)
-    return f'<details id="earlier"><summary>Earlier sessions ({len(saved)})</summary>' \
-           f'<ul>{lines}</ul></details>'

@@ -17,7 +17,7 @@ from gravity_comp_ros.models.sparse.dictionary import Expansion
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.views.arm import find_arm
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.store import MODEL_FILE, Stage
+from gravity_comp_ros.workbench.stages import MODEL_FILE, Stage
 import numpy as np
 
 # Maximum number of cached results; a comparison or a residual has all samples.

@@ -14,16 +14,14 @@ import sys
 import tempfile
 import time
 from typing import Any
-import urllib.parse
 import webbrowser
 
 from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.page import report_html, SECTIONS
 from gravity_comp_ros.workbench.access import Handler, UploadHandler
-from gravity_comp_ros.workbench.page import earlier_html
-from gravity_comp_ros.workbench.session import Sessions
-from gravity_comp_ros.workbench.store import State
+from gravity_comp_ros.workbench.page import Page
+from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.widgets import page_html
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
@@ -38,17 +36,9 @@ _MAX_WAIT = 5.0
 
 
 class _Start(Handler):
-    needs_session = False
-
     def get(self) -> None:
-        """Send the page of a session; an unknown one gives a new session."""
-        given = self.get_query_argument('session', '')
-        session = self.sessions.session(given)
-        query = urllib.parse.urlencode({'token': self.token, 'session': session.id})
-        if session.id != given:
-            self.redirect(f'?{query}')
-            return
-        self.finish(page_html(earlier_html(self.sessions.earlier(session.id), self.token)))
+        """Send the page."""
+        self.finish(page_html())
 
 
 class _Shown(Handler):
@@ -57,9 +47,7 @@ class _Shown(Handler):
         page = self.page
         end = time.monotonic() + _MAX_WAIT
         page.session.start()
-        page.session.seen = time.monotonic()
         while page.tag == self.get_query_argument('tag', '') and time.monotonic() < end:
-            page.session.seen = time.monotonic()
             await asyncio.sleep(1e-3 * _POLL_MS)
         self.finish({'tag': page.tag, **page.parts()})
 
@@ -112,19 +100,17 @@ class _File(Handler):
         self.finish(text)
 
 
-def serve(state: State, place: Path | None, host: str, port: int, browser: bool) -> None:
+def serve(session: Session, host: str, port: int, browser: bool) -> None:
     """
     Serve until interrupted.
 
-    :param state: that of a new session.
-    :param place: folder of saved sessions; None to save none.
     :param browser: whether to open the page in a browser.
     :raises OptionError: if the address is not available.
     """
-    sessions, token = Sessions(state, place), secrets.token_urlsafe(24)
+    token = secrets.token_urlsafe(24)
     loop = IOLoop.current()
-    server, port = make_server(host, port, sessions, token)
-    polling = PeriodicCallback(sessions.poll, _POLL_MS)
+    server, port = make_server(host, port, Page(session), token)
+    polling = PeriodicCallback(session.poll, _POLL_MS)
     polling.start()
     # The loop handles the signal between callbacks, so no callback is interrupted.
     loop.asyncio_loop.add_signal_handler(signal.SIGINT, loop.stop)  # type: ignore[attr-defined]
@@ -142,10 +128,10 @@ def serve(state: State, place: Path | None, host: str, port: int, browser: bool)
     finally:
         polling.stop()
         server.stop()
-        sessions.close()
+        session.worker.rest()
 
 
-def make_server(host: str, port: int, sessions: Sessions, token: str) -> tuple[HTTPServer, int]:
+def make_server(host: str, port: int, page: Page, token: str) -> tuple[HTTPServer, int]:
     """
     Return a running server, and its port; port 0 is any free one.
 
@@ -157,7 +143,7 @@ def make_server(host: str, port: int, sessions: Sessions, token: str) -> tuple[H
         reason = (problem.strerror or str(problem)).lower()
         raise OptionError(f'cannot serve on {host}, port {port}: {reason}; choose another with '
                           f'--port, or 0 for any free port') from problem
-    shared: Mapping[str, Any] = {'sessions': sessions, 'token': token}
+    shared: Mapping[str, Any] = {'page': page, 'token': token}
     server = HTTPServer(Application(
         [('/', _Start, shared), ('/shown', _Shown, shared), ('/act', _Act, shared),
          ('/view', _View, shared), (r'/file/([\w.]+)', _File, shared),

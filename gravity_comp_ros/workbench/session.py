@@ -1,20 +1,16 @@
 """
-Sessions of one server: recordings, settings, stages of the model, running job and messages.
+State of the workbench: recordings, settings, stages of the model, running job and messages.
 
-Requests of the page and events of the worker change the state; `results` computes what the page
-shows.
+Requests of the page and events of the worker change it; `results` computes what the page shows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+import os
 from pathlib import Path
-import secrets
-from tempfile import TemporaryDirectory
-import time
-from typing import Any
 
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Recording
@@ -25,39 +21,40 @@ from gravity_comp_ros.estimation.refit import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.expected import MotionPlan
 from gravity_comp_ros.recordings.read_options import BY_JOINT
-from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.jobs import Answer, Job, new_worker, ReadResult, Step
-from gravity_comp_ros.workbench.store import Choice, Stage, State
+from gravity_comp_ros.workbench.jobs import Answer, Job, ReadResult, Step
+from gravity_comp_ros.workbench.stages import Choice, MODEL_FILE, Stage
 from gravity_comp_ros.worker.worker_process import Failed, Progress, Worker
 
 
-class Session(State):
+def upload_folder() -> Path:
+    """Return the folder of uploaded recordings."""
+    base = os.environ.get('XDG_STATE_HOME') or str(Path.home() / '.local' / 'state')
+    return Path(base) / 'gravity_comp' / 'workbench'
+
+
+class Session:
     """
-    A session with its worker. `version` increases with every change to show.
+    The state of the workbench, with its worker. `version` increases with every change to show.
 
-    A new stage replaces those after the current one. `error` is the reason why the work stopped;
-    `try_again` continues it. `warning` is about the recordings or the last request, `save_error`
-    is the reason why the session is not saved. `seen` is the time at which a browser asked for it
-    last, and `page` belongs to the server.
-
-    :param place: folder of saved sessions; None to save none.
+    `given` are model files named on the command line. `joints` are all that can be chosen.
+    `stages` are in the order of their creation, and `at` is the number of the current one; a new
+    one replaces those after it. `to_learn` tells whether a fit was requested. `error` is the
+    reason why the work stopped; `try_again` continues it. `warning` is about the recordings or the
+    last request.
     """
 
-    def __init__(self, state: State, worker: Worker, identity: str = '',
-                 place: Path | None = None) -> None:
-        super().__init__(**vars(state))
-        self.id, self.place, self.worker = identity, place, worker
-        self.ordered = bool(self.choice.joints)
-        if not self.stages:
-            self.joints, self.to_learn = self.choice.joints, not self.given
+    def __init__(self, paths: tuple[Path, ...], choice: Choice, given: tuple[Stage, ...],
+                 worker: Worker) -> None:
+        self.paths, self.choice, self.given, self.worker = paths, choice, given, worker
+        self.ordered = bool(choice.joints)
+        self.joints, self.to_learn = choice.joints, not given
+        self.stages: tuple[Stage, ...] = ()
+        self.at: int | None = None
         self.read: ReadResult | None = None
         self._read_key: tuple[object, ...] = ()
-        self.ungated = ''
-        self.error = self.done = self.warning = self.save_error = ''
+        self.ungated = self.error = self.done = self.warning = ''
         self.progress: Progress | None = None
         self.version = 0
-        self.seen = time.monotonic()
-        self.page: Any = None
         self._plan: tuple[Job, MotionPlan] | None = None
 
     @property
@@ -83,6 +80,18 @@ class Session(State):
             return None
         job, plan = self._plan
         return plan if job.choice == self.choice and job.model is self.stage.model else None
+
+    def commands(self) -> list[str]:
+        """Return command lines that reproduce the current model exactly, and its evaluation."""
+        if self.at is None:
+            return []
+        # From the last fit or file up to the current stage.
+        start = max(k for k in range(self.at + 1) if not self.stages[k].effects)
+        choice, model = self.choice, MODEL_FILE
+        return [*(stage.command(self.paths) for stage in self.stages[start:self.at + 1]),
+                choice.command('compare', self.paths, model=model),
+                choice.command('diagnose', self.paths, gated=False, model=model,
+                               html='report.html')]
 
     # Requests of the page.
 
@@ -202,8 +211,6 @@ class Session(State):
             name = ', '.join(names) if len(names) < 3 else f'{names[0]} and {len(names) - 1} more'
             self._append(Stage(f'+ {name}', answer.model, job.choice, answer.added, warnings=(
                 *answer.warnings(), *Model(answer.model).warnings)))
-        if job.step in (Step.READ, Step.LEARN, Step.ADD):
-            self._save()
 
     def _accept_recordings(self, read: ReadResult) -> None:
         """Set the recordings; new ones are selected."""
@@ -221,14 +228,6 @@ class Session(State):
             self.joints = (*names, *read.left_out)
         self.read = read
         self._read_key = self._job(Step.READ).of_joints(names).samples_key
-        hashes = {str(path.resolve()): report.sha256
-                  for path, report in zip(self.paths, read.reports)}
-        changed = [Path(path).name for path, old in self.hashes.items()
-                   if hashes.get(path, old) != old]
-        self.hashes = hashes
-        if changed:
-            self.warning = (f'{", ".join(changed)} changed since this session was saved: its '
-                            f'models were fitted to the previous content')
         if is_first and self.given:
             first = self.given[0]
             self._append(replace(first, choice=self.choice,
@@ -272,14 +271,13 @@ class Session(State):
 
     @contextmanager
     def _changing(self) -> Iterator[None]:
-        """Interrupt the running job; after the change, save the session and go on."""
+        """Interrupt the running job; go on after the change."""
         self._interrupt()
         try:
             yield
         except GravityCompError as problem:
             self.error = str(problem)
         else:
-            self._save()
             self.start()
         self.version += 1
 
@@ -287,83 +285,3 @@ class Session(State):
         # The running job concerns the state before the change; its result is not required.
         self.worker.cancel()
         self.error, self.done, self.progress = '', '', None
-
-    def _save(self) -> None:
-        if self.place is None or not self.stages:
-            return
-        try:
-            store.save(self.place, self.id, self)
-            self.save_error = ''
-        except GravityCompError as problem:
-            self.save_error = str(problem)
-
-
-# Time, in s, after which a session that no browser shows is closed; it remains saved.
-UNUSED = 60.0
-
-
-class Sessions:
-    """
-    The open sessions.
-
-    :param start: initial state of a new session.
-    :param place: folder of saved sessions; None to save none.
-    """
-
-    def __init__(self, start: State, place: Path | None,
-                 new_worker: Callable[[], Worker] = new_worker) -> None:
-        self._start, self.place, self._new_worker = start, place, new_worker
-        self.open: dict[str, Session] = {}
-        self._temporary: TemporaryDirectory[str] | None = None
-
-    def session(self, identity: str) -> Session:
-        """Return the session with this id, or a new one if there is none."""
-        session = self.open.get(identity) or self._opened(identity)
-        session.seen = time.monotonic()
-        self.open[session.id] = session
-        return session
-
-    def upload_folder(self, identity: str) -> Path:
-        """Return the folder of the uploaded recordings of a session."""
-        if self.place is not None:
-            return self.place / 'recordings' / identity
-        if self._temporary is None:
-            self._temporary = TemporaryDirectory(prefix='gravity_comp')
-        return Path(self._temporary.name) / identity
-
-    def poll(self) -> None:
-        """Process the events of all workers; close the sessions that no browser shows."""
-        for session in list(self.open.values()):
-            session.poll()
-            is_saved = session.read is None or (
-                self.place is not None and bool(session.stages) and not session.save_error)
-            if session.worker.job is None and time.monotonic() - session.seen > UNUSED:
-                session.worker.rest()
-                if is_saved:
-                    del self.open[session.id]
-
-    def earlier(self, own: str = '') -> list[store.Entry]:
-        """Return the saved sessions, the newest first."""
-        if self.place is None:
-            return []
-        return [entry for entry in store.listed(self.place) if entry.id != own]
-
-    def close(self) -> None:
-        """End all workers."""
-        for session in self.open.values():
-            session.worker.rest()
-        if self._temporary is not None:
-            self._temporary.cleanup()
-
-    def _opened(self, identity: str) -> Session:
-        """Return the saved session with this id, or a new one."""
-        warning = ''
-        if identity and self.place is not None:
-            try:
-                return Session(store.load(self.place, identity), self._new_worker(), identity,
-                               self.place)
-            except GravityCompError as problem:
-                warning = str(problem)
-        session = Session(self._start, self._new_worker(), secrets.token_hex(8), self.place)
-        session.warning = warning
-        return session

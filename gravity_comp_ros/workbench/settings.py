@@ -11,7 +11,7 @@ from gravity_comp_ros.facts.fact import refused
 from gravity_comp_ros.models.gravity_model import CHOICES
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.store import Choice
+from gravity_comp_ros.workbench.stages import Choice
 from gravity_comp_ros.workbench.widgets import box, button, download, field, select
 
 _ALL, _UNKNOWN = 'all', 'unknown'

@@ -95,7 +95,6 @@ const listen = async () => {
   for (let tag = '';;) {
     try {
       const answer = await fetch(address('shown', {tag}))
-      if (answer.status == 404) return location.reload()
       const parts = await answer.json()
       tag = parts.tag
       show(parts)
@@ -147,7 +146,6 @@ _BODY = """
 <div id="status"></div></header>
 <aside aria-label="Settings" id="side"><button type="button" id="style">Dark or light</button>
 <div id="facts"></div><form id="settings"></form>
-{earlier}
 <p><label>Upload a recording (or drop it anywhere): one .mcap or .db3 file
 <input type="file" id="upload" accept=".mcap,.db3"></label></p>
 <p id="upload-status" role="status" class="quiet"></p></aside>
@@ -164,16 +162,12 @@ _BODY = """
 """
 
 
-def page_html(earlier: str) -> str:
-    """
-    Return the page; its places are filled by the script.
-
-    :param earlier: HTML with links to earlier sessions.
-    """
+def page_html() -> str:
+    """Return the page; its places are filled by the script."""
     tabs = ''.join(f'<button type="button" data-view="{name}">{name}</button>'
                    for name in SECTIONS)
     return markup.html_page(
-        'gravity_comp workbench', _BODY.format(earlier=earlier, tabs=tabs),
+        'gravity_comp workbench', _BODY.format(tabs=tabs),
         [markup.COPY, _SCRIPT], 'The workbench requires JavaScript, which is disabled in this '
         'browser. `gravity_comp diagnose --html` writes its tables to a file.', _STYLE,
         "; connect-src 'self'; frame-src 'self'")

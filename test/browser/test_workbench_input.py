@@ -6,7 +6,6 @@ import urllib.request
 
 from bench.shared.browser import EVIL_BAG, expect, INJECT, LIVELY
 from bench.shared.workbench_page import home, look, PATIENCE, served, VIEWS, workers
-from bench.shared.workbench_session import session_of, worked
 import pytest
 
 # Width of the page, and buttons beyond the screen.
@@ -86,8 +85,8 @@ def test_work_continues_after_cancelling_and_a_recording_is_uploaded(folder, ser
         page.get_by_text(re.compile('^[0-9a-f]{6}_img_src_x_onerror_alert_1_x.mcap$')).wait_for()
         expect(runs).to_have_count(count + 1)
         expect(runs.nth(2)).to_be_checked()
-        # The name is not used as a path; the file is in the folder of its session.
-        kept = list(folder.glob('state/gravity_comp/workbench/recordings/*/*'))
+        # The name is not used as a path.
+        kept = list(folder.glob('state/gravity_comp/workbench/*'))
         assert [path.read_bytes() for path in kept] == [(folder / 'run1.mcap').read_bytes()]
         # A recording of another robot is refused, and the others are kept.
         page.locator('#upload').set_input_files(folder / 'other.mcap')
@@ -96,30 +95,21 @@ def test_work_continues_after_cancelling_and_a_recording_is_uploaded(folder, ser
         assert str(folder) not in refused.inner_text()
         page.locator('#idle').filter(has_text=re.compile('.')).wait_for()
         expect(runs).to_have_count(count + 1)
-        assert len(list(folder.glob('state/gravity_comp/workbench/recordings/*/*'))) == 1
+        assert len(list(folder.glob('state/gravity_comp/workbench/*'))) == 1
         assert page.evaluate(LIVELY) == [] and tab.dialogs == []
         assert len(tab.complaints) == 2 and all('415' in line for line in tab.complaints)
 
 
-def test_a_session_persists_and_is_open_in_several_windows(folder, server, watched):
+def test_the_work_is_open_in_several_windows(server, watched):
     address = server[0]
-    paths = (folder / 'run2.mcap', folder / 'run1.mcap')
-    worked(session_of(*paths, place=folder / 'state' / 'gravity_comp' / 'workbench'), 'DIAGNOSE')
     with watched(home(address)) as tab, watched(home(address)) as other:
         tab.open(address)
-        tab.page.locator('#doing').wait_for()
-        tab.page.wait_for_function("location.search.includes('session=')")
-        name = tab.page.url
         # The job continues after a reload and in another window.
         tab.page.reload()
         tab.page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
-        other.open(name)
+        other.open(address)
         other.page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
         tab.page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
-        other.page.locator('#earlier summary').click()
-        other.page.locator('#earlier a').filter(has_text='run2.mcap, run1.mcap').click()
-        other.page.get_by_role('button', name='Save the model').wait_for()
-        assert 'session=' in other.page.url and other.page.url != name
         # Nothing is shown without the token.
         with pytest.raises(urllib.request.HTTPError, match='403'):
             urllib.request.urlopen(home(address), timeout=PATIENCE)

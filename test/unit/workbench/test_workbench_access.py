@@ -12,12 +12,11 @@ import time
 import urllib.parse
 
 from bench.shared.rough_links import two_links
-from bench.shared.workbench_session import InProcess, worked
+from bench.shared.workbench_session import session_of, worked
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.workbench import access, serve
-from gravity_comp_ros.workbench.page import facts_html
-from gravity_comp_ros.workbench.session import Sessions
-from gravity_comp_ros.workbench.store import State
+from gravity_comp_ros.workbench.page import facts_html, Page
+from gravity_comp_ros.workbench.session import upload_folder
 import pytest
 
 PATIENCE = 60.0  # s
@@ -27,12 +26,12 @@ TOKEN = 'a-secret'
 class Served:
     """A server in another thread."""
 
-    def __init__(self, sessions):
-        self.sessions = sessions
+    def __init__(self, session):
+        self.session = session
         ready = threading.Event()
 
         async def run():
-            server, port = serve.make_server('127.0.0.1', 0, sessions, TOKEN)
+            server, port = serve.make_server('127.0.0.1', 0, Page(session), TOKEN)
             self.host = f'127.0.0.1:{port}'
             self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
             ready.set()
@@ -67,20 +66,18 @@ class Served:
 
 
 @pytest.fixture
-def served(tmp_path):
-    """Return a server with one session that has read a recording."""
+def served(tmp_path, monkeypatch):
+    """Return a server that has read a recording."""
+    monkeypatch.setenv('XDG_STATE_HOME', str(tmp_path / 'state'))
     write_bag(tmp_path / 'run.mcap', [joint_states(two_links(1))])
-    sessions = Sessions(State((tmp_path / 'run.mcap',)), tmp_path / 'state', InProcess)
-    worked(sessions.session(''), until='LEARN')
-    running = Served(sessions)
+    running = Served(worked(session_of(tmp_path / 'run.mcap'), until='LEARN'))
     yield running
     running.close()
 
 
 def test_only_the_token_opens_the_page_and_only_a_page_changes_a_session(served, monkeypatch):
     monkeypatch.setattr(serve, '_MAX_WAIT', 0.5)
-    (session,) = served.sessions.open.values()
-    own, rest = f'http://{served.host}', f'?token={TOKEN}&session={session.id}'
+    session, own, rest = served.session, f'http://{served.host}', f'?token={TOKEN}'
     for path in ('/', '/?token=', '/?token=a-secre', '/shown', '/act', '/view', '/file/arm.json',
                  '/upload'):
         status, text, headers = served.request(path)
@@ -89,11 +86,8 @@ def test_only_the_token_opens_the_page_and_only_a_page_changes_a_session(served,
     assert status == 200 and headers['X-Frame-Options'] == 'SAMEORIGIN'
     assert headers['Referrer-Policy'] == 'no-referrer'
     assert "script-src 'nonce-" in text
-    # Without a session a new one is opened; a host name is of no use without the token.
-    status, _, headers = served.request(f'/?token={TOKEN}')
-    assert status == 302 and 'session=' in headers['Location']
+    # A host name is of no use without the token.
     assert served.request('/', Host='evil.example')[0] == 403
-    assert served.request(f'/shown?token={TOKEN}&session=other')[0] == 404
     state = json.loads(served.request(f'/shown{rest}')[1])
     assert '<h1>' in state['verdict'] and 'run.mcap' in state['settings']
     # The same page again is sent only when it changes, or after a while.
@@ -112,20 +106,18 @@ def test_only_the_token_opens_the_page_and_only_a_page_changes_a_session(served,
 
 
 def test_uploads_are_checked_and_limited(served, monkeypatch):
-    (session,) = served.sessions.open.values()
-    place = f'/upload?token={TOKEN}&session={session.id}&name='
+    session, place = served.session, f'/upload?token={TOKEN}&name='
     own = {'Origin': f'http://{served.host}'}
     recording = (session.paths[0]).read_bytes()
 
     def put(path, body=recording, **headers):
         return served.request(path, 'PUT', body, **headers)[:2]
 
-    kept = served.sessions.upload_folder(session.id)
+    kept = upload_folder()
     for path, headers, status in (
             (place + 'a.mcap', {}, 403),
             (place + 'a.mcap', {'Origin': 'http://evil.example'}, 403),
             (place.replace(TOKEN, 'other') + 'a.mcap', own, 403),
-            (place.replace(session.id, 'f' * 16) + 'a.mcap', own, 404),
             (place + 'a.sh', own, 415)):
         assert put(path, **headers)[0] == status, path
     for body in (b'no recording', b''):
@@ -138,13 +130,13 @@ def test_uploads_are_checked_and_limited(served, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(Path, 'rename', lambda *_: (_ for _ in ()).throw(OSError(28, 'disk full')))
         assert put(place + 'a.mcap', **own) == (507, 'cannot save the file: disk full')
-    # The name is not used as a path; the file is in the folder of its session.
+    # The name is not used as a path.
     name = urllib.parse.quote('../../<img src=x> $$x$$.mcap')
     assert put(place + name, **own)[0] == 204
     (file,) = kept.iterdir()
     assert file.name[6:] == '_img_src_x_x.mcap' and file.read_bytes() == recording
     assert session.paths[1] == file
-    # All uploads together are limited, and one at a time is received.
+    # All uploads together are limited, and a part is deleted.
     status, text = put(place + 'b.mcap', **own)
     assert status == 507 and 'all uploaded recordings together' in text
     monkeypatch.setattr(access, 'MAX_TOTAL', 10 * len(recording))
@@ -153,21 +145,20 @@ def test_uploads_are_checked_and_limited(served, monkeypatch):
     for key, value in {**own, 'Content-Length': str(len(recording))}.items():
         first.putheader(key, value)
     first.endheaders(recording[:1000])
-    while not served.call(lambda: access.UploadHandler._running):
-        pass
-    assert put(place + 'd.mcap', **own) == (409, 'wait until the other upload has ended')
-    first.close()
-    while served.call(lambda: access.UploadHandler._running):
-        pass
-    assert [path.name for path in kept.iterdir()] == [file.name]
+    for count in (2, 1):
+        end = time.monotonic() + PATIENCE
+        while len(list(kept.iterdir())) != count:
+            assert time.monotonic() < end
+        first.close()
+    assert list(kept.iterdir()) == [file]
 
 
 def test_the_facts_of_an_upload_are_on_the_page_and_the_fit_refuses_it(served, tmp_path):
-    (session,) = served.sessions.open.values()
+    session = served.session
     samples = two_links(2)
     write_bag(tmp_path / 'new.mcap', [joint_states(replace(samples, tau=samples.tau * [1, 4]))])
     status, _, _ = served.request(
-        f'/upload?token={TOKEN}&session={session.id}&name=new.mcap', 'PUT',
+        f'/upload?token={TOKEN}&name=new.mcap', 'PUT',
         (tmp_path / 'new.mcap').read_bytes(), Origin=f'http://{served.host}')
     worked(session)
     assert status == 204 and session.choice.runs == (0, 1) and session.stage is None

@@ -14,22 +14,20 @@ import time
 
 from bench.shared.campaign import campaign
 from bench.shared.rough_links import COULOMB, JOINTS, two_links
-from bench.shared.workbench_session import InProcess, session_of, worked
+from bench.shared.workbench_session import session_of, worked
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
+from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.models.model_file import model_text
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.report.views.summary import headline
-from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.jobs import Job, new_worker, Step
 from gravity_comp_ros.workbench.page import facts_html, status_html
 from gravity_comp_ros.workbench.panels import findings_html
 from gravity_comp_ros.workbench.results import Results
-from gravity_comp_ros.workbench.session import Sessions, UNUSED
 from gravity_comp_ros.workbench.settings import choice_of, form_html
-from gravity_comp_ros.workbench.store import Choice, Stage, State
+from gravity_comp_ros.workbench.stages import Choice, Stage
 from gravity_comp_ros.worker.worker_process import Done, Failed
 import numpy as np
 import pytest
@@ -308,49 +306,20 @@ def test_command_lines_reproduce_the_model_exactly(paths, tmp_path, capsys, seed
         assert (errors[name]['n'], errors[name]['rmse']) == (joint.n, joint.rmse)
 
 
-def test_a_saved_session_is_restored(learned, tmp_path):
-    place, session = tmp_path / 'state', learned
-    session.place = place
-    session.add(BOTH)
-    worked(session, until='DIAGNOSE')
-    assert (place / f'{session.id}.json').stat().st_mode & 0o077 == 0
-    assert (place.stat().st_mode & 0o077) == 0
-    sessions = Sessions(State(()), place, InProcess)
-    # As after a killed server: another one attaches the session by its id.
-    loaded = sessions.session(session.id)
-    assert loaded.paths == session.paths and loaded.choice == session.choice
-    assert [s.name for s in loaded.stages] == ['gravity', '+ ' + ', '.join(BOTH)]
-    worked(loaded, until='DIAGNOSE')
-    assert loaded.worker.done == ['READ'] and not loaded.warning
-    one, other = Results(session), Results(loaded)
-    assert session.commands() == loaded.commands()
-    np.testing.assert_array_equal(one.contents().predicted, other.contents().predicted)
-    saved, = sessions.earlier()
-    assert saved.recordings == ('run1.mcap', 'run2.mcap')
-    assert saved.stages[-1] == '+ ' + ', '.join(BOTH)
-    again = Sessions(State(()), place, InProcess).session(session.id)
-    again.hashes = dict.fromkeys(again.hashes, 'f' * 64)
-    worked(again, until='DIAGNOSE')
-    assert 'run1.mcap, run2.mcap changed since this session was saved' in again.warning
-
-
-def test_a_given_model_is_saved_by_its_path_and_named_in_the_next_step(learned, tmp_path):
-    file, place = tmp_path / 'mine.json', tmp_path / 'state'
+def test_a_given_model_is_named_in_the_next_step(learned, tmp_path):
+    file = tmp_path / 'mine.json'
     file.write_text(model_text(learned.stages[0].model))
-    given = (Stage.of_file(file),)
-    session = worked(session_of(*learned.paths, place=place, given=given), until='DIAGNOSE')
-    loaded = store.load(place, session.id)
-    assert loaded.given[0].given == loaded.stages[0].given == file
-    assert loaded.stages[0].name == 'mine.json' and not loaded.to_learn
-    command = shlex.split(Results(worked(session)).contents().next_command)
+    session = worked(session_of(*learned.paths, given=(Stage.of_file(file),)))
+    assert session.stages[0].name == 'mine.json' and not session.to_learn
+    command = shlex.split(Results(session).contents().next_command)
     assert command[1] == 'add' and command[command.index('--model') + 1] == str(file)
 
 
-def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(tmp_path):
+def test_warnings_of_a_model_are_shown_with_its_stage(tmp_path):
     # With 12 s the chain is uncertain away from its poses.
-    path, place = tmp_path / 'short.mcap', tmp_path / 'state'
+    path = tmp_path / 'short.mcap'
     write_bag(path, [joint_states(two_links(0, 240, reach=0.6))])
-    session = worked(session_of(path, place=place), until='DIAGNOSE')
+    session = worked(session_of(path), until='DIAGNOSE')
     uncertainty, = (text for text in session.stage.warnings
                     if 'away from the trained poses' in text)
     results = Results(session)
@@ -366,55 +335,6 @@ def test_warnings_of_a_model_are_shown_and_saved_with_its_stage(tmp_path):
     session.select_stage(0)
     output = html.unescape(status_html(results))
     assert uncertainty in output and ineffective not in output
-    assert [stage.warnings for stage in store.load(place, session.id).stages] == [
-        stage.warnings for stage in session.stages]
-
-
-_DAMAGES = (
-    lambda d: d.pop('stages'), lambda d: d.update(at=7), lambda d: d.update(version=1),
-    lambda d: d['stages'][0].update(effects=['x']),
-    lambda d: d['stages'][0].update(model='{}'), lambda d: d['choice'].update(runs=[9]),
-    lambda d: d['choice'].update(surprise=1))
-
-
-def test_a_damaged_session_is_refused_in_one_line(learned, tmp_path):
-    session = learned
-    store.save(tmp_path, session.id, session)
-    path = tmp_path / f'{session.id}.json'
-    whole = path.read_text()
-    for damage in _DAMAGES:
-        document = json.loads(whole)
-        damage(document)
-        path.write_text(json.dumps(document))
-        with pytest.raises(GravityCompError):
-            store.load(tmp_path, session.id)
-    opened = Sessions(State(()), tmp_path, InProcess).session(session.id)
-    assert opened.id != session.id and 'damaged' in opened.warning
-    path.write_text(whole[:1000])
-    assert store.listed(tmp_path) == []
-    for text in ('', '../../etc/passwd', 'f' * 16):
-        with pytest.raises(DataError, match='session'):
-            store.load(tmp_path, text)
-
-
-def test_a_session_that_no_browser_shows_is_closed_when_it_is_saved(paths, learned, tmp_path):
-    sessions = Sessions(State(paths), tmp_path, InProcess)
-    first, second = (sessions.session('') for _ in range(2))
-    assert sessions.session(first.id) is first
-    second.start()
-    first.seen = second.seen = second.seen - UNUSED
-    sessions.poll()
-    # A running job goes on.
-    assert second.id in sessions.open and first.id not in sessions.open
-    worked(second)
-    sessions.poll()
-    assert not sessions.open and sessions.session(second.id).stages
-    # One that is saved nowhere stays.
-    third, forgetful = learned, Sessions(State(paths), None, InProcess)
-    forgetful.open[third.id], third.worker.job = third, None
-    third.seen -= UNUSED
-    forgetful.poll()
-    assert third.id in forgetful.open
 
 
 def until(worker, kind):
