@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
+from pathlib import Path
 import secrets
 
 from gravity_comp_ros.errors import GravityCompError
@@ -75,6 +76,7 @@ class Page:
             'plan': lambda: session.request_plan((value,) if value else None),
             'stage': lambda: session.select_stage(int(value)),
             'other': lambda: setattr(self.results, 'other', value),
+            'record': lambda: session.add_recording(Path(form['recording'][0]).expanduser()),
             'learn': lambda: session.learn(settings.choice_of(session, form)),
             'evaluate': lambda: session.evaluate(settings.choice_of(session, form))}
         actions[what]()

@@ -82,7 +82,7 @@ def _planned(plan: MotionPlan) -> str:
         + markup.paragraph(f'Move the arm to {start} rad first. Obstacles and people '
                            f'are not checked: keep the space around the arm clear.', 'warning')
         + ''.join(markup.paragraph(note, 'quiet') for note in plan.notes)
-        + markup.paragraph('Play it, record it, and drop the recording into this page.')
+        + markup.paragraph('Play it, record it, and add the recording to this page.')
         + download('Save as trajectory (YAML)', 'motion.yaml')
         + download('Save as action goal', 'goal.yaml'))
 

@@ -1,10 +1,16 @@
-"""Server of the workbench: the page, what it shows, requests, views and files."""
+"""
+Server of the workbench: the page, what it shows, requests, views and files.
+
+Every user of this machine can reach the port. Every request needs the token in the address, which
+only the terminal of the workbench shows, and only pages of this server may change anything.
+"""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from hmac import compare_digest
 import json
 import logging
 from pathlib import Path
@@ -14,19 +20,19 @@ import sys
 import tempfile
 import time
 from typing import Any
+import urllib.parse
 import webbrowser
 
 from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.page import report_html, SECTIONS
-from gravity_comp_ros.workbench.access import Handler, UploadHandler
 from gravity_comp_ros.workbench.page import Page
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.widgets import page_html
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.netutil import bind_sockets
-from tornado.web import Application
+from tornado.web import Application, RequestHandler
 
 _LOG = logging.getLogger(__name__)
 _LOCAL = ('127.0.0.1', 'localhost')
@@ -34,14 +40,48 @@ _POLL_MS = 100
 # Longest wait, in s, for a change to show; the browser asks again. It has six connections at most.
 _MAX_WAIT = 5.0
 
+_HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'SAMEORIGIN',
+            'Referrer-Policy': 'no-referrer', 'Cross-Origin-Resource-Policy': 'same-origin',
+            'Cross-Origin-Opener-Policy': 'same-origin', 'Cache-Control': 'no-store',
+            'Content-Security-Policy': "frame-ancestors 'self'"}
 
-class _Start(Handler):
+
+class _Handler(RequestHandler):
+    """A request with the token of the server."""
+
+    def initialize(self, page: Page, token: str) -> None:
+        """Store what all requests share."""
+        self.page, self.token = page, token
+
+    def set_default_headers(self) -> None:
+        """Set the headers of every answer."""
+        for name, value in _HEADERS.items():
+            self.set_header(name, value)
+
+    def prepare(self) -> None:
+        """Refuse a request without the token, or a change from another site."""
+        given = self.get_query_argument('token', '')
+        origin = urllib.parse.urlsplit(self.request.headers.get('Origin', '')).netloc
+        if not compare_digest(given.encode(), self.token.encode()):
+            self.refuse(403, 'open the address that the terminal of the workbench shows: it '
+                             'contains a token')
+        elif self.request.method not in ('GET', 'HEAD') and origin != self.request.host:
+            self.refuse(403, 'only this page may change anything')
+
+    def refuse(self, status: int, reason: str) -> None:
+        """End the request with a line of text."""
+        self.set_status(status)
+        self.set_header('Content-Type', 'text/plain; charset=utf-8')
+        self.finish(reason)
+
+
+class _Start(_Handler):
     def get(self) -> None:
         """Send the page."""
         self.finish(page_html())
 
 
-class _Shown(Handler):
+class _Shown(_Handler):
     async def get(self) -> None:
         """Send what the page shows as soon as it differs from what the browser has."""
         page = self.page
@@ -52,7 +92,7 @@ class _Shown(Handler):
         self.finish({'tag': page.tag, **page.parts()})
 
 
-class _Act(Handler):
+class _Act(_Handler):
     def post(self) -> None:
         """Do what a button or a drop-down list requests."""
         page = self.page
@@ -68,7 +108,7 @@ class _Act(Handler):
             self.refuse(400, 'there is no such request')
 
 
-class _View(Handler):
+class _View(_Handler):
     async def get(self) -> None:
         """Send a view of the report; another thread makes it."""
         contents, name = self.page.contents, self.get_query_argument('view', '')
@@ -86,7 +126,7 @@ class _View(Handler):
         self.finish(html)
 
 
-class _File(Handler):
+class _File(_Handler):
     async def get(self, name: str) -> None:
         """Send a file made of the current model."""
         page = self.page
@@ -146,8 +186,8 @@ def make_server(host: str, port: int, page: Page, token: str) -> tuple[HTTPServe
     shared: Mapping[str, Any] = {'page': page, 'token': token}
     server = HTTPServer(Application(
         [('/', _Start, shared), ('/shown', _Shown, shared), ('/act', _Act, shared),
-         ('/view', _View, shared), (r'/file/([\w.]+)', _File, shared),
-         ('/upload', UploadHandler, shared)], log_function=lambda handler: None))
+         ('/view', _View, shared), (r'/file/([\w.]+)', _File, shared)],
+        log_function=lambda handler: None))
     server.add_sockets(sockets)
     return server, sockets[0].getsockname()[1]
 

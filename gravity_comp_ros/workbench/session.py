@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-import os
 from pathlib import Path
 
 from gravity_comp_ros.api.model import Model
@@ -24,12 +23,6 @@ from gravity_comp_ros.recordings.read_options import BY_JOINT
 from gravity_comp_ros.workbench.jobs import Answer, Job, ReadResult, Step
 from gravity_comp_ros.workbench.stages import Choice, MODEL_FILE, Stage
 from gravity_comp_ros.worker.worker_process import Failed, Progress, Worker
-
-
-def upload_folder() -> Path:
-    """Return the folder of uploaded recordings."""
-    base = os.environ.get('XDG_STATE_HOME') or str(Path.home() / '.local' / 'state')
-    return Path(base) / 'gravity_comp' / 'workbench'
 
 
 class Session:
@@ -163,7 +156,13 @@ class Session:
         self.version += 1
 
     def add_recording(self, path: Path) -> None:
-        """Add a recording, which is read next."""
+        """
+        Add a recording, which is read next.
+
+        :raises DataError: if the first recordings have not been read.
+        """
+        if self.read is None:
+            raise DataError('wait until the recordings have been read')
         with self._changing():
             self.paths = (*self.paths, path)
 
@@ -189,11 +188,9 @@ class Session:
         self.error = reason
         n_read = len(self.read.reports) if self.read else len(self.paths)
         if job.step is Step.READ and len(self.paths) > n_read:
-            # Continue without the new recording. The message omits its internal folder.
-            new = self.paths[-1]
-            self.warning = f'not added: {self.error}'.replace(f'{new.parent}/', '')
-            self.paths, self.error = self.paths[:n_read], ''
-            new.unlink(missing_ok=True)
+            # Continue without the new recording.
+            self.warning, self.error = f'not added: {reason}', ''
+            self.paths = self.paths[:n_read]
 
     def _finished(self, job: Job, answer: Answer) -> None:
         if isinstance(answer, MotionPlan):

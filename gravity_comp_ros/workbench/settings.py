@@ -36,6 +36,7 @@ def form_html(session: Session) -> str:
     return ''.join([
         '<h3>Runs</h3>', *(box(report.path.name, 'run', str(k), k in choice.runs)
                            for k, report in enumerate(reports)),
+        field('Path of another recording', 'recording', ''), button('Add it', 'record'),
         *(box(f'accept {kind}', 'accept', kind, kind in choice.reading.accept) for kind in kinds),
         '<h3>Joints</h3>', *(box(name, 'joint', name, name in choice.joints)
                              for name in session.joints),

@@ -119,22 +119,6 @@ at('style').addEventListener('click', () => {
   for (const page of [document, frame.contentDocument])
     page.documentElement.classList.toggle('dark')
 })
-const upload = async (files) => {
-  const say = (text) => at('upload-status').textContent = text
-  if (files.length != 1) return say('One file at a time.')
-  const file = files[0]
-  say(`uploading ${file.name} …`)
-  const answer = await fetch(address('upload', {name: file.name}), {method: 'PUT', body: file}
-    ).catch(() => null)
-  say(!answer ? `${file.name} was not uploaded: it is a folder or too large.`
-    : answer.ok ? `${file.name} was uploaded.` : `${file.name}: ${await answer.text()}`)
-}
-at('upload').addEventListener('change', (event) => upload(event.target.files))
-for (const type of ['dragover', 'drop'])
-  document.addEventListener(type, (event) => {
-    event.preventDefault()
-    if (type == 'drop' && event.dataTransfer.files.length) upload(event.dataTransfer.files)
-  })
 listen()
 })
 """
@@ -146,9 +130,7 @@ _BODY = """
 <div id="status"></div></header>
 <aside aria-label="Settings" id="side"><button type="button" id="style">Dark or light</button>
 <div id="facts"></div><form id="settings"></form>
-<p><label>Upload a recording (or drop it anywhere): one .mcap or .db3 file
-<input type="file" id="upload" accept=".mcap,.db3"></label></p>
-<p id="upload-status" role="status" class="quiet"></p></aside>
+</aside>
 <div id="work">
 <div class="above">
 <section aria-label="Missing effects" id="missing"></section>

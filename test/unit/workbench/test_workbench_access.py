@@ -1,11 +1,10 @@
-"""Access to the server of the workbench: token, requests, uploads."""
+"""Access to the server of the workbench: token and requests."""
 
 import asyncio
 from dataclasses import replace
 import http.client
 import inspect
 import json
-from pathlib import Path
 import re
 import threading
 import time
@@ -14,9 +13,8 @@ import urllib.parse
 from bench.shared.rough_links import two_links
 from bench.shared.workbench_session import session_of, worked
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
-from gravity_comp_ros.workbench import access, serve
+from gravity_comp_ros.workbench import serve
 from gravity_comp_ros.workbench.page import facts_html, Page
-from gravity_comp_ros.workbench.session import upload_folder
 import pytest
 
 PATIENCE = 60.0  # s
@@ -66,9 +64,8 @@ class Served:
 
 
 @pytest.fixture
-def served(tmp_path, monkeypatch):
+def served(tmp_path):
     """Return a server that has read a recording."""
-    monkeypatch.setenv('XDG_STATE_HOME', str(tmp_path / 'state'))
     write_bag(tmp_path / 'run.mcap', [joint_states(two_links(1))])
     running = Served(worked(session_of(tmp_path / 'run.mcap'), until='LEARN'))
     yield running
@@ -78,8 +75,7 @@ def served(tmp_path, monkeypatch):
 def test_only_the_token_opens_the_page_and_only_a_page_changes_a_session(served, monkeypatch):
     monkeypatch.setattr(serve, '_MAX_WAIT', 0.5)
     session, own, rest = served.session, f'http://{served.host}', f'?token={TOKEN}'
-    for path in ('/', '/?token=', '/?token=a-secre', '/shown', '/act', '/view', '/file/arm.json',
-                 '/upload'):
+    for path in ('/', '/?token=', '/?token=a-secre', '/shown', '/act', '/view', '/file/arm.json'):
         status, text, headers = served.request(path)
         assert status == 403 and 'open the address' in text, path
     status, text, headers = served.request(f'/{rest}')
@@ -105,63 +101,13 @@ def test_only_the_token_opens_the_page_and_only_a_page_changes_a_session(served,
     assert session.worker.job is None and 'cancelled' in session.error
 
 
-def test_uploads_are_checked_and_limited(served, monkeypatch):
-    session, place = served.session, f'/upload?token={TOKEN}&name='
-    own = {'Origin': f'http://{served.host}'}
-    recording = (session.paths[0]).read_bytes()
-
-    def put(path, body=recording, **headers):
-        return served.request(path, 'PUT', body, **headers)[:2]
-
-    kept = upload_folder()
-    for path, headers, status in (
-            (place + 'a.mcap', {}, 403),
-            (place + 'a.mcap', {'Origin': 'http://evil.example'}, 403),
-            (place.replace(TOKEN, 'other') + 'a.mcap', own, 403),
-            (place + 'a.sh', own, 415)):
-        assert put(path, **headers)[0] == status, path
-    for body in (b'no recording', b''):
-        assert put(place + 'a.mcap', body, **own) == (
-            415, 'the content is not an MCAP or rosbag2 recording')
-    monkeypatch.setattr(access, 'MAX_BYTES', len(recording) - 1)
-    assert put(place + 'a.mcap', **own)[0] == 413
-    monkeypatch.setattr(access, 'MAX_BYTES', len(recording))
-    monkeypatch.setattr(access, 'MAX_TOTAL', 2 * len(recording) - 1)
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, 'rename', lambda *_: (_ for _ in ()).throw(OSError(28, 'disk full')))
-        assert put(place + 'a.mcap', **own) == (507, 'cannot save the file: disk full')
-    # The name is not used as a path.
-    name = urllib.parse.quote('../../<img src=x> $$x$$.mcap')
-    assert put(place + name, **own)[0] == 204
-    (file,) = kept.iterdir()
-    assert file.name[6:] == '_img_src_x_x.mcap' and file.read_bytes() == recording
-    assert session.paths[1] == file
-    # All uploads together are limited, and a part is deleted.
-    status, text = put(place + 'b.mcap', **own)
-    assert status == 507 and 'all uploaded recordings together' in text
-    monkeypatch.setattr(access, 'MAX_TOTAL', 10 * len(recording))
-    first = http.client.HTTPConnection(served.host, timeout=PATIENCE)
-    first.putrequest('PUT', place + 'c.mcap')
-    for key, value in {**own, 'Content-Length': str(len(recording))}.items():
-        first.putheader(key, value)
-    first.endheaders(recording[:1000])
-    for count in (2, 1):
-        end = time.monotonic() + PATIENCE
-        while len(list(kept.iterdir())) != count:
-            assert time.monotonic() < end
-        first.close()
-    assert list(kept.iterdir()) == [file]
-
-
-def test_the_facts_of_an_upload_are_on_the_page_and_the_fit_refuses_it(served, tmp_path):
+def test_the_facts_of_an_added_recording_are_on_the_page_and_the_fit_refuses_it(served, tmp_path):
     session = served.session
     samples = two_links(2)
     write_bag(tmp_path / 'new.mcap', [joint_states(replace(samples, tau=samples.tau * [1, 4]))])
-    status, _, _ = served.request(
-        f'/upload?token={TOKEN}&name=new.mcap', 'PUT',
-        (tmp_path / 'new.mcap').read_bytes(), Origin=f'http://{served.host}')
+    Page(session).act('record', '', {'recording': [str(tmp_path / 'new.mcap')]})
     worked(session)
-    assert status == 204 and session.choice.runs == (0, 1) and session.stage is None
+    assert session.choice.runs == (0, 1) and session.stage is None
     (line,) = re.findall('refused: [^<]*', facts_html(session.read))
     assert 'new.mcap: gains disagree' in line and line.replace('refused: ', '') in session.error
     session.learn(replace(session.choice, runs=(0,)))
