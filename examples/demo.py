@@ -20,12 +20,12 @@ import time
 
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import compare_prediction, Comparison
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
-from rich.table import Table
 from rich.text import Text
 from robot import DemoError, Robot
 
@@ -114,7 +114,7 @@ def show(text: str, style: str = '') -> None:
     terminal.show(Text('• ' + printable(text), style=style))
 
 
-def table(columns: list[tuple[str, Comparison]]) -> Table:
+def table(columns: list[tuple[str, Comparison]]) -> TextTable:
     """Return a table of the errors of each joint at each stage."""
     stale, last = columns[1][1], columns[-1][1]
     rows = []
@@ -122,11 +122,9 @@ def table(columns: list[tuple[str, Comparison]]) -> Table:
         before, after = stale.joints[joint].rmse, last.joints[joint].rmse
         remaining = '–' if abs(before - after) < MIN_CHANGE else f'{100 * after / before:.0f} %'
         row = [joint, *(f'{errors.joints[joint].rmse:.3f}' for _, errors in columns), remaining]
-        rows.append([Text(printable(cell), style='bold' if joint == stale.worst else '')
-                     for cell in row])
-    return terminal.table(
-        'RMSE of the predictions in N·m, on motion that was not fitted',
-        ['joint', *(title for title, _ in columns), 'remaining\nerror'], rows)
+        rows.append(row)
+    return TextTable(('joint', *(title for title, _ in columns), 'remaining error'), rows,
+                     'RMSE of the predictions in N·m, on motion that was not fitted')
 
 
 def summary(columns: list[tuple[str, Comparison]]) -> list[str]:

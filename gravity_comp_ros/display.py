@@ -11,34 +11,56 @@ import re
 
 from gravity_comp_ros.printable import printable
 
-_CELL = 'text-align:left'
-_NUMBER = 'text-align:right;font-variant-numeric:tabular-nums'
+# A cell of a column of numbers, which is right-aligned.
+_NUMBER = re.compile(r'[-+±–−…→∞\d.,e%\s]*')
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table of text: `columns` are headings, the first `left` columns are left-aligned."""
+    """A table of plain text for a terminal, a notebook and a page; `columns` are headings."""
 
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    left: int = 1
+    columns: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    title: str = ''
+
+    def cells(self) -> list[list[str]]:
+        """Return the printable cells of the headings and of all rows."""
+        return [[printable(cell) for cell in row] for row in (self.columns, *self.rows)]
+
+    def has_numbers(self) -> list[bool]:
+        """Return for each column whether it has numbers alone; the first one has names."""
+        _, *rows = self.cells()
+        return [k > 0 and all(_NUMBER.fullmatch(row[k]) for row in rows)
+                for k in range(len(self.columns))]
 
     def __str__(self) -> str:
-        cells = [tuple(printable(cell) for cell in row) for row in (self.columns, *self.rows)]
-        widths = [max(len(row[k]) for row in cells) for k in range(len(self.columns))]
-        lines = ['  '.join(cell.ljust(width) if k < self.left else cell.rjust(width)
-                           for k, (cell, width) in enumerate(zip(row, widths))).rstrip()
-                 for row in cells]
-        return '\n'.join([lines[0], '  '.join('-' * width for width in widths), *lines[1:]])
+        cells, numbers = self.cells(), self.has_numbers()
+        widths = [max(map(len, column)) for column in zip(*cells)]
+        first, *lines = ['  '.join(
+            cell.rjust(width) if is_number else cell.ljust(width)
+            for cell, width, is_number in zip(row, widths, numbers)).rstrip() for row in cells]
+        return '\n'.join([first, '  '.join('-' * width for width in widths), *lines])
 
-    def html(self) -> str:
-        """Return the table as HTML, with the text of the cells escaped."""
-        def row(cells: Sequence[str], tag: str) -> str:
-            return '<tr>' + ''.join(
-                f'<{tag} style="{_CELL if k < self.left else _NUMBER}">'
-                f'{escape(printable(cell))}</{tag}>' for k, cell in enumerate(cells)) + '</tr>'
-        return (f'<table><thead>{row(self.columns, "th")}</thead><tbody>'
-                + ''.join(row(cells, 'td') for cells in self.rows) + '</tbody></table>')
+    def html(self, strong: int | None = None) -> str:
+        """
+        Return the table as HTML, with the text of the cells escaped.
+
+        :param strong: index of an emphasised row, if any.
+        """
+        numbers = ['style="text-align:right" class="number"' if is_number else
+                   'style="text-align:left"' for is_number in self.has_numbers()]
+
+        def row(cells: Sequence[str], scope: str, tag: str, kind: str = '') -> str:
+            tags = [f'th scope="{scope}"', *[tag] * (len(cells) - 1)]
+            return f'<tr{kind}>' + ''.join(
+                f'<{start} {number}>{escape(cell)}</{start[:2]}>'
+                for cell, start, number in zip(cells, tags, numbers)) + '</tr>'
+
+        head, *rows = self.cells()
+        body = ''.join(row(cells, 'row', 'td', ' class="strong"' * (k == strong))
+                       for k, cells in enumerate(rows))
+        return ('<div class="wide"><table><thead>' + row(head, 'col', 'th scope="col"')
+                + f'</thead><tbody>{body}</tbody></table></div>')
 
 
 class Displayable(ABC):

@@ -32,12 +32,12 @@ from gravity_comp_ros.calibration.known_weight import (
 from gravity_comp_ros.calibration.servo_stiffness import held_goals, servo_stiffness
 from gravity_comp_ros.commands import arguments, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.export.payload_lines import millimetres
 from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import joint_goals
-from rich.table import Table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -127,8 +127,8 @@ def _stiffness(args: argparse.Namespace) -> Answer:
                            'rmse': result.rmse[joint]} for joint, k in result.stiffness.items()},
         'left_out': result.left_out, 'option': parameter, 'model': args.model.name,
         'bags': [bag.to_json()]}
-    table = terminal.table(
-        '', ('joint', 'N·m/rad', '95 %', 'sag, rad RMS', 'rest, rad RMS'),
+    table = TextTable(
+        ('joint', 'N·m/rad', '95 %', 'sag, rad RMS', 'rest, rad RMS'),
         [(joint, f'{k.value:.4g}', f'{k.ci95[0]:.4g} … {k.ci95[1]:.4g}',
           f'{result.sag[joint]:.4f}', f'{result.rmse[joint]:.4f}')
          for joint, k in result.stiffness.items()])
@@ -138,8 +138,8 @@ def _stiffness(args: argparse.Namespace) -> Answer:
         '', 'parameter of the node:', terminal.command(parameter)])
 
 
-def _table(scales: Mapping[str, Quantity], load: Mapping[str, float]) -> Table:
-    return terminal.table('', ('joint', 'N·m per unit', '95 %', '±', 'weight N·m RMS'), [
+def _table(scales: Mapping[str, Quantity], load: Mapping[str, float]) -> TextTable:
+    return TextTable(('joint', 'N·m per unit', '95 %', '±', 'weight N·m RMS'), [
         (joint, f'{scale.value:.4g}', f'{scale.ci95[0]:.4g} … {scale.ci95[1]:.4g}',
          f'{100.0 * scale.half / abs(scale.value):.1f} %', f'{load[joint]:.3f}')
         for joint, scale in scales.items()])

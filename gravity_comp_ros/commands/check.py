@@ -23,6 +23,7 @@ from gravity_comp_ros.commands import arguments, html, reading, terminal
 from gravity_comp_ros.description_check.check import check_description
 from gravity_comp_ros.description_check.sentences import (
     error_rows, findings, unchecked_sentences)
+from gravity_comp_ros.display import TextTable
 
 EXIT_FAULTS = 3
 
@@ -64,5 +65,5 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     columns = ('joint', 'torque RMS N·m', 'RMSE as described', 'corrected')
     return terminal.Answer(document, [
         *lines, *([] if faults else [f'{source}: no fault found']), '',
-        terminal.table('', columns, errors), *unchecked],
+        TextTable(columns, errors), *unchecked],
         status=EXIT_FAULTS if faults else 0)

@@ -30,7 +30,7 @@ from gravity_comp_ros.commands import arguments, html, next_step, reading, termi
 from gravity_comp_ros.data.runs import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.display import percent
+from gravity_comp_ros.display import percent, TextTable
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.evaluation.compare import COMPARISON, Comparison
 from gravity_comp_ros.evaluation.drift import Drift, drift
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
     title = f'error of the model, {counted(samples.n_samples, "sample")}'
     return terminal.Answer(
         document, [*reading.lines(recording), '',
-                   terminal.table(title, errors.columns, errors.rows), *_failures(listed),
+                   replace(errors, title=title), *_failures(listed),
                    *([] if since is None else [
                        *_drift_lines(args.previous.name, selected, since),
                        *_updates_since(previous, model)]),
@@ -173,8 +173,8 @@ def _drift_lines(name: str, selected: Sequence[str], since: Drift) -> list[termi
     if uncertain:
         lines.append(f'the gravity torque of {", ".join(uncertain)} is too uncertain to '
                      f'exclude a change: fit both models to more poses, further apart')
-    return ['', terminal.table(f'change of the gravity torque since {name}, N·m',
-                               ('joint', 'RMS', 'mean', 'std of both models', 'drifted'), rows),
+    return ['', TextTable(('joint', 'RMS', 'mean', 'std of both models', 'drifted'), rows,
+                          f'change of the gravity torque since {name}, N·m'),
             *(lines or ['no coefficient of an effect drifted'])]
 
 

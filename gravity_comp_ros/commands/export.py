@@ -36,6 +36,7 @@ from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.robot_tree import read_text
 from gravity_comp_ros.diagnosis import wording
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.effects.motion_direction import COMPENSATION_SPEED
 from gravity_comp_ros.effects.predict import static_effects, torque_of
 from gravity_comp_ros.errors import GravityCompError
@@ -45,7 +46,6 @@ from gravity_comp_ros.export.payload_lines import drive_lines, in_frame, load_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import checksum, load_model
 import numpy as np
-from rich.table import Table
 
 # Lines to show, and the keys of the JSON.
 Result = tuple[Sequence[terminal.Line], dict[str, Any]]
@@ -171,8 +171,8 @@ def _c(args: argparse.Namespace, model: GravityModel) -> Result:
 def _description(args: argparse.Namespace, model: GravityModel) -> Result:
     changed = _changed(args, model)
     write_atomically(args.output, changed.data, GravityCompError)
-    difference = terminal.table(
-        '', ('joint', 'largest difference from the model N·m before', 'after'),
+    difference = TextTable(
+        ('joint', 'largest difference from the model N·m before', 'after'),
         [(joint, f'{changed.before[joint]:.4f}', f'{value:.4f}')
          for joint, value in changed.after.items()])
     return [_link_table(changed), '', difference, '', *changed.notes, f'wrote {args.output}'], {
@@ -214,11 +214,11 @@ def _payload(args: argparse.Namespace, model: GravityModel) -> Result:
             'payload': {**vars(payload), 'lines': lines}}
 
 
-def _link_table(changed: ChangedDescription) -> Table:
+def _link_table(changed: ChangedDescription) -> TextTable:
     rows = []
     for name, link in changed.links.items():
         shift = sum((a - b) ** 2 for a, b in zip(link.centre, link.centre_before)) ** 0.5
         rows.append((name, f'{link.mass_before:.3f}', f'{link.mass:.3f}',
                      ' '.join(f'{x:+.4f}' for x in link.centre), f'{1e3 * shift:.1f}'))
-    return terminal.table('centres of mass in the frame of each link',
-                          ('link', 'mass kg before', 'after', 'centre m', 'moved by mm'), rows)
+    return TextTable(('link', 'mass kg before', 'after', 'centre m', 'moved by mm'), rows,
+                     'centres of mass in the frame of each link')

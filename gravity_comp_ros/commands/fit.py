@@ -20,6 +20,7 @@ fitted without the held-out data; `compare --holdout` uses that data.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from math import degrees
 import time
 from typing import TYPE_CHECKING
@@ -29,12 +30,11 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, learn, Learned, with_enough_motion
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
-from gravity_comp_ros.display import shortened
+from gravity_comp_ros.display import shortened, TextTable
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import CHOICES
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
-from rich.table import Table
 
 if TYPE_CHECKING:
     from gravity_comp_ros.estimation.fit import FitResult
@@ -142,19 +142,19 @@ def _holdout_lines(fitted: Recording, held_out: Comparison | None) -> list[termi
     blocks = ', '.join(f'{block.start:.1f} to {block.end:.1f} s of '
                        f'{fitted.reports[block.run].path.name}' for block in fitted.holdout.blocks)
     errors = held_out.table()
-    return ['', terminal.table(f'error on held-out data, {blocks}', errors.columns, errors.rows)]
+    return ['', replace(errors, title=f'error on held-out data, {blocks}')]
 
 
-def _joint_table(result: FitResult) -> Table:
+def _joint_table(result: FitResult) -> TextTable:
     model, report = result.model, result.report
     rows = [(joint, str(model.n_features()[n]),
              f'{model.coverage.q_min[n]:.2f} … {model.coverage.q_max[n]:.2f}',
              f'{report.rmse[joint]:.4f}', f'{report.noise[joint]:.4f}')
             for n, joint in enumerate(model.joints)]
-    return terminal.table(
+    return TextTable(
+        ('joint', 'terms', 'range rad', 'RMSE N·m', 'remaining N·m'), rows,
         f'gravity model, {model.formulation}: {model.coverage.n_samples} samples of '
-        f'{counted(model.coverage.n_runs, "run")}',
-        ('joint', 'terms', 'range rad', 'RMSE N·m', 'remaining N·m'), rows)
+        f'{counted(model.coverage.n_runs, "run")}')
 
 
 def _solver_sentence(result: FitResult) -> str:

@@ -25,6 +25,7 @@ from typing import Any, TYPE_CHECKING
 from gravity_comp_ros.api.axes import ArmOptions
 from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.diagnosis.findings import Verdict
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.effects.registry import known_effect
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.models.gravity_model import CHOICES
@@ -102,8 +103,7 @@ def _lines(what: str, outcome: Outcome) -> list[terminal.Line]:
         rows.append([name, str(entry['bags']), str(entry['samples']),
                      f'{max(entry["rmse"].values()):.4f}', entry['model']] if what == 'fit'
                     else [name, _findings(entry['findings']), entry['diagnosis']])
-    return [terminal.table(f'{what}: {counted(len(rows), "robot")}', columns, rows,
-                           left=('findings', 'model', 'file')),
+    return [TextTable(columns, rows, f'{what}: {counted(len(rows), "robot")}'),
             f'omitted: {counted(len(outcome.failed_bags), "bag")} and '
             f'{counted(len(outcome.failed_robots), "robot")}; '
             f'{counted(outcome.resumed, "result")} from an earlier run']

@@ -9,6 +9,7 @@ from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -39,10 +40,10 @@ def write_check(args: argparse.Namespace, source: str, faults: Sequence[Finding]
         f'<h2>{number}. {text(fault.sentence)}</h2>'
         + markup.bullets(f'or, as probable: {other}' for other in fault.alternatives)
         + markup.command(fault.correction) for number, fault in enumerate(faults, start=1))
-    table = markup.table(('joint', 'torque RMS, N·m', 'RMSE as described, N·m',
-                          'RMSE corrected, N·m'), errors)
+    table = TextTable(('joint', 'torque RMS, N·m', 'RMSE as described, N·m',
+                       'RMSE corrected, N·m'), errors)
     page = html_page(f'gravity_comp check: {source}', (
-        f'<h1 id="verdict">{text(headline)}</h1>{items}<h2>Error by joint</h2>{table}'
+        f'<h1 id="verdict">{text(headline)}</h1>{items}<h2>Error by joint</h2>{table.html()}'
         f'{markup.bullets(unchecked)}'), [markup.COPY])
     write_atomically(args.html, page.encode(), error=GravityCompError)
 

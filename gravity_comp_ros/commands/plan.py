@@ -25,6 +25,7 @@ from pathlib import Path
 
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.planning.collision import arm_limits
@@ -129,8 +130,8 @@ def _lines(args: argparse.Namespace, planned: MotionPlan, links: str) -> list[te
     return [
         terminal.styled('bold', f'{counted(len(planned.parts), "part")}, {length}'),
         *(f'  {part.sentence}' for part in planned.parts), '',
-        *([terminal.table('expected results', EXPECTED, [e.row() for e in planned.expectations],
-                          EXPECTED[3:])] if planned.expectations else []),
+        *([TextTable(EXPECTED, [e.row() for e in planned.expectations], 'expected results')]
+          if planned.expectations else []),
         *(f'  {each.sentence}' for each in planned.gravity), '',
         f'move the arm to {start} rad first', links,
         'obstacles are not checked: keep the space around the arm clear',

@@ -17,7 +17,7 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.description.links import described_arm, DescribedArm
 from gravity_comp_ros.description.robot_tree import find_description, read_text
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.display import change, percent
+from gravity_comp_ros.display import change, percent, TextTable
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.facts.motion import MOTION, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -25,7 +25,6 @@ from gravity_comp_ros.models.history import now, undone
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
-from rich.table import Table
 
 if TYPE_CHECKING:
     from gravity_comp_ros.estimation.refit import Refit
@@ -70,10 +69,10 @@ def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
     return result
 
 
-def motion_table(title: str, motion: RecordingFacts) -> Table:
+def motion_table(title: str, motion: RecordingFacts) -> TextTable:
     """Return the table of the ranges, speeds and efforts of the joints of a recording."""
-    return terminal.table(title, ('joint', *MOTION), [
-        (name, *joint.cells()) for name, joint in motion.joints.items()])
+    return TextTable(('joint', *MOTION), [
+        (name, *joint.cells()) for name, joint in motion.joints.items()], title)
 
 
 def fitted_names(model: GravityModel | None, reports: Sequence[ReadReport]) -> list[str]:
@@ -166,12 +165,12 @@ def refit_lines(result: Refit) -> list[terminal.Line]:
         for effect in result.model.applied.effects if effect.target in result.added}
     return [
         f'gravity and effects are fitted to {counted(result.n_samples, "sample")}',
-        '', terminal.table(
-            'held-out error: N·m, and share of the torque range',
+        '', TextTable(
             ('joint', 'before', 'after', 'before', 'after', 'change'), [
                 (name, f'{e.before:.4f}', f'{e.after:.4f}', percent(e.nrmse_before),
                  percent(e.nrmse_after), change(e.before, e.after))
-                for name, e in result.errors.items()]),
+                for name, e in result.errors.items()],
+            'held-out error: N·m, and share of the torque range'),
         *(terminal.styled('bold', f'added {name}', f': {numbers}')
           for name, numbers in added.items()),
         *(f'omitted {name}: {why}' for name, why in result.skipped.items())]

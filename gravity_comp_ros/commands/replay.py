@@ -17,7 +17,8 @@ from dataclasses import replace
 
 from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.commands.reading import scale_warnings
-from gravity_comp_ros.commands.terminal import Answer, table
+from gravity_comp_ros.commands.terminal import Answer
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.evaluation.compare import compare_prediction
 from gravity_comp_ros.models.model_file import load_model
@@ -60,9 +61,9 @@ def run(args: argparse.Namespace) -> Answer:
                     for joint, error in comparison.joints.items()},
          'outside_trained_range': outside, 'notes': recording.report.notes},
         [*recording.report.notes,
-         table('Residual', ('joint', 'rms N·m', 'max N·m'),
-               [(joint, f'{error.rmse:.3f}', f'{error.max_abs:.3f}')
-                for joint, error in comparison.joints.items()]),
+         TextTable(('joint', 'rms N·m', 'max N·m'),
+                   [(joint, f'{error.rmse:.3f}', f'{error.max_abs:.3f}')
+                    for joint, error in comparison.joints.items()], 'Residual'),
          f'wrote {args.output}: {counted(count, "message")} on /joint_states, {PREDICTION} and '
          f'{RESIDUAL}',
          'open the file in PlotJuggler or Foxglove; config/layouts has layouts for both'],

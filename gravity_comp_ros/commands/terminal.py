@@ -18,6 +18,7 @@ import time
 from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
 from rich import box
@@ -31,7 +32,7 @@ from rich.text import Text
 ProgressCallback = Callable[[str, float], None]
 
 # A part of the output of a verb.
-Line = Table | Text | str
+Line = TextTable | Text | str
 # Version of the JSON documents of the verbs (docs/json.md).
 SCHEMA = 1
 # Width of the output where there is no screen: a row of a table is one line.
@@ -68,10 +69,10 @@ def show(*things: Line) -> None:
     """
     out = console()
     for thing in things:
-        if isinstance(thing, Table):
+        if isinstance(thing, TextTable):
             # Names and numbers are never cut: on a narrow screen the lines are too long.
-            free = out.options.update(max_width=_WIDTH_WITHOUT_SCREEN)
-            out.print(thing, width=max(out.width, out.measure(thing, options=free).minimum),
+            table, free = _rich(thing), out.options.update(max_width=_WIDTH_WITHOUT_SCREEN)
+            out.print(table, width=max(out.width, out.measure(table, options=free).minimum),
                       crop=False)
         else:
             line = thing if isinstance(thing, Text) else Text(_literal(thing))
@@ -104,25 +105,17 @@ def warn(*lines: str) -> None:
         console(stderr=True).print(styled('yellow', 'warning:', f' {line}'), soft_wrap=True)
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] = (),
-          left: Sequence[str] = ()) -> Table:
-    """
-    Return a table; cells other than `Text` are shown as plain printable text.
-
-    :param left: text columns in addition to the first; the others are numbers.
-    """
-    result = Table(title=Text(title) if title else None, title_justify='left', title_style='bold',
-                   box=box.SIMPLE_HEAD, pad_edge=False)
-    cells = [[cell if isinstance(cell, Text) else Text(printable(cell)) for cell in row]
-             for row in rows]
-    for number, heading in enumerate(columns):
-        texts = [row[number].plain for row in cells]
-        words = ' '.join([heading, *texts]).split() if heading in left else [
-            *heading.split(), *texts]
+def _rich(table: TextTable) -> Table:
+    """Return a table whose headings and texts are broken between words where they must."""
+    result = Table(title=Text(printable(table.title)) if table.title else None,
+                   title_justify='left', title_style='bold', box=box.SIMPLE_HEAD, pad_edge=False)
+    cells, numbers = table.cells(), table.has_numbers()
+    for k, ((heading, *texts), is_number) in enumerate(zip(zip(*cells), numbers)):
+        words = heading.split() + (texts if is_number or k == 0 else ' '.join(texts).split())
         result.add_column(Text(heading), min_width=max(map(cell_len, words)),
-                          justify='left' if number == 0 or heading in left else 'right')
-    for row in cells:
-        result.add_row(*row)
+                          justify='right' if is_number else 'left')
+    for row in cells[1:]:
+        result.add_row(*map(Text, row))
     return result
 
 

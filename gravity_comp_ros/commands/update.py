@@ -28,11 +28,11 @@ from gravity_comp_ros.api.steps import update_model
 from gravity_comp_ros.commands import arguments, next_step, reading, terminal
 from gravity_comp_ros.commands.terminal import Answer
 from gravity_comp_ros.data.constants import HALF_95
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.export.payload_lines import in_frame, load_of, millimetres
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.model_file import load_model, save_model
-from rich.table import Table
 
 if TYPE_CHECKING:
     from gravity_comp_ros.estimation.update import UpdateResult
@@ -124,14 +124,14 @@ def _written(args: argparse.Namespace, target: Path) -> list[terminal.Line]:
                              next_step.command('compare', args, model=target))]
 
 
-def _joint_table(result: UpdateResult) -> Table:
+def _joint_table(result: UpdateResult) -> TextTable:
     report = result.report
     rows = [(name, f'{report.effect_mean[name]:+.3f}', f'{report.effect_max[name]:.3f}',
              f'± {HALF_95 * report.std[name]:.3f}', f'{report.rmse_before[name]:.4f}',
              f'{report.rmse[name]:.4f}') for name in result.model.joints]
-    return terminal.table(
-        f'torque of the payload, N·m ({report.n_samples} samples)',
-        ['joint', 'mean', 'largest', 'uncertainty (95 %)', 'RMSE before', 'RMSE after'], rows)
+    return TextTable(
+        ('joint', 'mean', 'largest', 'uncertainty (95 %)', 'RMSE before', 'RMSE after'), rows,
+        f'torque of the payload, N·m ({report.n_samples} samples)')
 
 
 def _payload_lines(payload: PayloadEstimate | None) -> list[str]:

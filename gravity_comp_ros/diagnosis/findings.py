@@ -145,7 +145,7 @@ class Diagnosis(Displayable):
             ('joint', 'effect', 'verdict', 'coefficients, 95 %', 'held-out error'),
             tuple((f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
                    wording.coefficients(f.coefficients), wording.change(f))
-                  for f in self.findings), left=4)
+                  for f in self.findings))
 
     def details(self) -> Iterable[str | TextTable]:
         """Return a table of the findings, and the evidence for the first one."""

@@ -27,25 +27,6 @@ def paragraph(value: object, kind: str = '') -> str:
     return f'<p class="{kind}">{text(value)}</p>' if kind else f'<p>{text(value)}</p>'
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[object]], left: Sequence[str] = (),
-          strong: int | None = None) -> str:
-    """
-    Return a table of plain text; the first column and those in `left` are text, others numbers.
-
-    :param strong: index of the emphasised row, if any.
-    """
-    kinds = ['' if k == 0 or column in left else ' class="number"'
-             for k, column in enumerate(columns)]
-    head = ''.join(f'<th scope="col"{kind}>{text(c)}</th>' for c, kind in zip(columns, kinds))
-    body = ''
-    for number, row in enumerate(rows):
-        cells = f'<th scope="row">{text(row[0])}</th>' + ''.join(
-            f'<td{kind}>{text(value)}</td>' for value, kind in zip(row[1:], kinds[1:]))
-        body += f'<tr class="strong">{cells}</tr>' if number == strong else f'<tr>{cells}</tr>'
-    return (f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
-            f'<tbody>{body}</tbody></table></div>')
-
-
 def bullets(lines: Iterable[object]) -> str:
     """Return a list of plain lines; an empty string for no lines."""
     items = ''.join(f'<li>{text(line)}</li>' for line in lines)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.models.applied_effects import target as effect_name
 from gravity_comp_ros.planning.expected import EXPECTED, MotionPlan
 from gravity_comp_ros.planning.questions import OPEN
@@ -78,7 +79,7 @@ def _planned(plan: MotionPlan) -> str:
     return (
         f'<h3 id="planned">Planned: {markup.text(plan.summary())}</h3>'
         + markup.bullets(part.sentence for part in plan.parts)
-        + markup.table(EXPECTED, [each.row() for each in plan.expectations], EXPECTED[3:])
+        + TextTable(EXPECTED, [each.row() for each in plan.expectations]).html()
         + markup.paragraph(f'Move the arm to {start} rad first. Obstacles and people '
                            f'are not checked: keep the space around the arm clear.', 'warning')
         + ''.join(markup.paragraph(note, 'quiet') for note in plan.notes)
@@ -99,10 +100,10 @@ def history_html(results: Results) -> str:
         if (known := results.errors(stage))]
     html = '<h2>Error history</h2>' + last_change(errors)
     if len(errors) > 1:
-        html += markup.folded('all joints and stages', markup.table(
-            ['RMSE, N·m', *(name for name, _ in errors)], [
+        html += markup.folded('all joints and stages', TextTable(
+            ('RMSE, N·m', *(name for name, _ in errors)), [
                 [joint, *(f'{known[joint]:.4f}' if joint in known else '–' for _, known in errors)]
-                for joint in errors[-1][1]]))
+                for joint in errors[-1][1]]).html())
     if stage is None or at is None:
         return html
     if at > 0:

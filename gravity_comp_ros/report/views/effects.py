@@ -17,7 +17,7 @@ from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.display import percent
+from gravity_comp_ros.display import percent, TextTable
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.registry import all_effects
@@ -114,10 +114,9 @@ def findings_table(findings: tuple[Finding, ...]) -> str:
              wording.change(f),
              percent(f.base_absorbed), f'{100 * f.runs_better:.0f} %',
              ', '.join(f.rivals) or '–'] for k, f in enumerate(findings)]
-    return markup.table(
-        ['effect', 'where', 'verdict', 'coefficients, 95 %', 'held-out error',
-         'absorbed by gravity', 'improved runs', 'alternatives'], rows,
-        left=('where', 'verdict', 'coefficients, 95 %', 'alternatives'))
+    return TextTable(
+        ('effect', 'where', 'verdict', 'coefficients, 95 %', 'held-out error',
+         'absorbed by gravity', 'improved runs', 'alternatives'), rows).html()
 
 
 def coefficients(finding: Finding, max_count: int = REPORT.max_coefficients) -> str:
@@ -139,8 +138,8 @@ def summaries(diagnosis: Diagnosis) -> str:
     rows = [[name, r.summary, f'{r.noise_floor:.3g}', f'{r.n_effective:.0f}',
              f'{r.rmse_before:.3g}', f'{r.rmse_after:.3g}'] for name, r in
             diagnosis.joints.items()]
-    table = markup.table(['joint', 'result', 'sensor noise N·m', 'effective sample size',
-                          'held-out RMSE before N·m', 'after N·m'], rows, left=('result',))
+    table = TextTable(('joint', 'result', 'sensor noise N·m', 'effective sample size',
+                       'held-out RMSE before N·m', 'after N·m'), rows).html()
     lines = wording.untestable(diagnosis)
     untestable = markup.folded(f'Effects that are not identifiable from this recording '
                                f'({len(lines)})', markup.bullets(lines)) if lines else ''

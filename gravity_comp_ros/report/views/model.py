@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from gravity_comp_ros import __version__
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.display import percent, shortened
+from gravity_comp_ros.display import percent, shortened, TextTable
 from gravity_comp_ros.facts.motion import MOTION
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.printable import counted
@@ -26,12 +26,11 @@ def section(contents: Contents) -> Section:
     lead += ''.join(_equation(contents, n) for n in contents.numbers)
     applied = model.applied.effects
     if applied:
-        lead += '<h3>Effects in addition to gravity</h3>' + markup.table(
-            ['effect', 'on', 'coefficients, 95 %', 'nonlinear parameters'],
+        lead += '<h3>Effects in addition to gravity</h3>' + TextTable(
+            ('effect', 'on', 'coefficients, 95 %', 'nonlinear parameters'),
             [[e.name, e.joint or 'the whole arm',
               markup.units(wording.coefficients(e.coefficients, 6)),
-              wording.settings(e) or '–'] for e in applied],
-            left=('on', 'coefficients, 95 %', 'nonlinear parameters'))
+              wording.settings(e) or '–'] for e in applied]).html()
     return Section('model', 'The model', lead)
 
 
@@ -44,10 +43,10 @@ def _equation(contents: Contents, n: int) -> str:
         return html
     order = np.argsort(-np.abs(torque.weights), kind='stable')
     features = dictionary.feature_names(torque.indices[order], model.n_joints)
-    return html + markup.folded(f'all terms of {name}', markup.table(
-        ['weight N·m', 'feature'],
-        [[f'{weight:.4f}', feature] for weight, feature in zip(torque.weights[order], features)],
-        left=('feature',)))
+    return html + markup.folded(f'all terms of {name}', TextTable(
+        ('weight N·m', 'feature'),
+        [[f'{weight:.4f}', feature]
+         for weight, feature in zip(torque.weights[order], features)]).html())
 
 
 def quality(contents: Contents) -> Section:
@@ -57,12 +56,13 @@ def quality(contents: Contents) -> Section:
                    f'{r.duration_s:.1f}', r.velocity,
                    '; '.join(f'{count} {reason}' for reason, count in r.dropped.items() if count)
                    or 'none'] for r in contents.reports]
-    html = markup.table(['recording', 'topic', 'messages', 'samples', 'rate Hz', 'length s',
-                         'velocity', 'dropped'], recordings, left=('topic', 'velocity', 'dropped'))
+    html = TextTable(('recording', 'topic', 'messages', 'samples', 'rate Hz', 'length s',
+                      'velocity', 'dropped'), recordings).html()
     html += markup.bullets(f'{r.path.name}: {note}' for r in contents.reports for note in r.notes)
     joints = {name: facts.joints[name] for name in contents.joints}
-    html += markup.table(['joint', *MOTION, 'torque variance explained by pose'], [
-        (name, *joint.cells(), percent(joint.pose_share)) for name, joint in joints.items()])
+    html += TextTable(('joint', *MOTION, 'torque variance explained by pose'), [
+        (name, *joint.cells(), percent(joint.pose_share))
+        for name, joint in joints.items()]).html()
     html += markup.paragraph(
         f'{100 * facts.slow_share:.0f} % of the samples are slow motion.')
     html += markup.bullets(facts.remarks)
@@ -79,20 +79,20 @@ def provenance(contents: Contents) -> Section:
             ['formulation', model.formulation],
             ['trained on', f'{model.coverage.n_samples} samples of '
              f'{counted(model.coverage.n_runs, "run")}']]
-    html += markup.table(['what', 'value'], rows, left=('value',))
-    html += markup.table(['recording', 'SHA-256'],
-                         [[r.path.name, r.sha256] for r in contents.reports], left=('SHA-256',))
+    html += TextTable(('what', 'value'), rows).html()
+    html += TextTable(('recording', 'SHA-256'),
+                      [[r.path.name, r.sha256] for r in contents.reports]).html()
     fitted = model.provenance.get('bags', ())
     if fitted:
-        html += markup.table(['the model was fitted to', 'SHA-256'],
-                             [[bag.get('name', '?'), bag.get('sha256', '?')] for bag in fitted],
-                             left=('SHA-256',))
+        html += TextTable(
+            ('the model was fitted to', 'SHA-256'),
+            [[bag.get('name', '?'), bag.get('sha256', '?')] for bag in fitted]).html()
     steps = model.history
     if steps:
-        html += markup.table(
-            ['step', 'effects', 'when', 'held-out RMSE N·m'],
+        html += TextTable(
+            ('step', 'effects', 'when', 'held-out RMSE N·m'),
             [[s.action, ', '.join(s.effects), s.when, _changes(s.before, s.after)]
-             for s in steps], left=('effects', 'when', 'held-out RMSE N·m'))
+             for s in steps]).html()
     html += markup.bullets(contents.notes)
     return Section('provenance', 'Provenance', html)
 

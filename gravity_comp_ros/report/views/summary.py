@@ -73,8 +73,7 @@ def errors(contents: Contents) -> Section:
         'quiet')
     lead += markup.paragraph(f'Errors: {contents.compared}. Plots show all samples.',
                              'quiet')
-    table = markup.table(errors.columns, errors.rows,
-                         strong=contents.joints.index(contents.worst))
+    table = errors.html(strong=contents.joints.index(contents.worst))
     return Section('joints', 'Errors by joint', lead + table, after=_regions(contents))
 
 

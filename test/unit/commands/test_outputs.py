@@ -7,6 +7,7 @@ from bench.shared.command_line import refused
 from bench.shared.rough_links import two_links
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.models.model_file import load_model
 import numpy as np
 import pytest
@@ -105,8 +106,8 @@ def test_no_cell_and_no_word_of_a_heading_is_cut(width, monkeypatch, capsys):
     if width is not None:
         monkeypatch.setenv('COLUMNS', str(width))
     name, text = 'very_long_name_' * 2, 'F_c = 0.83 N·m (0.77 to 0.88), F_v = 1.2 N·m s/rad'
-    terminal.show(terminal.table('', ['joint', 'RMSE in training', 'coefficients', 'x'],
-                                 [[name, '1.25', text, '-0.5']], left=('coefficients',)))
+    terminal.show(TextTable(['joint', 'RMSE in training', 'coefficients', 'x'],
+                            [[name, '1.25', text, '-0.5']]))
     output = capsys.readouterr().out
     for word in (name, '1.25', '-0.5', 'RMSE', 'training', 'coefficients', *text.split()):
         assert word in output
@@ -125,7 +126,7 @@ def test_a_command_is_never_broken(capsys, monkeypatch):
 
 def test_a_name_neither_formats_nor_controls_the_terminal(capsys):
     name = '[red]\x1b[31mevil\n'
-    terminal.show(terminal.table('', ['joint'], [[name]]), terminal.command(name), name)
+    terminal.show(TextTable(['joint'], [[name]]), terminal.command(name), name)
     terminal.note(name)
     printed = ''.join(capsys.readouterr())
     assert printed.count('[red]\\x1b[31mevil') == 4 and '\x1b' not in printed

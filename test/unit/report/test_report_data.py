@@ -3,6 +3,7 @@
 from bench.shared.rough_links import COULOMB, two_links, VISCOUS
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.effects.predict import motion_of, predict_torque
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.report import markup
@@ -108,7 +109,7 @@ def test_friction_gives_the_line_of_its_added_variable_plot():
 def test_text_from_files_is_escaped():
     bad = '<script>alert(1)</script>"&\x1b[31m\n'
     for html in (markup.text(bad), markup.paragraph(bad), markup.bullets([bad]),
-                 markup.table([bad, 'b'], [[bad, bad]]), markup.folded(bad, ''),
+                 TextTable([bad, 'b'], [[bad, bad]]).html(), markup.folded(bad, ''),
                  markup.key([('red"><b>', bad)])):
         assert '<script' not in html and '\x1b' not in html and '"&' not in html
         assert '&lt;script&gt;' in html
