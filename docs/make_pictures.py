@@ -46,7 +46,7 @@ def _report(folder: Path) -> None:
         # As tall as the largest part, since scrolled screenshots show the tools in the middle.
         tab.page.set_viewport_size({'width': 1280, 'height': 2000})
         _opened(tab, page.as_uri())
-        for part in ('residuals', 'arm', 'pairs', 'effects'):
+        for part in ('residuals', 'arm', 'effects'):
             tab.page.locator(f'#{part}').screenshot(path=PICTURES / f'report-{part}.png')
         tab.page.set_viewport_size(_SCREEN)
         tab.page.evaluate('scrollTo(0, 0)')

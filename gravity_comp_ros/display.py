@@ -41,11 +41,12 @@ class TextTable:
             for cell, width, is_number in zip(row, widths, numbers)).rstrip() for row in cells]
         return '\n'.join([first, '  '.join('-' * width for width in widths), *lines])
 
-    def html(self, strong: int | None = None) -> str:
+    def html(self, strong: int | None = None, bars: Sequence[float] = ()) -> str:
         """
         Return the table as HTML, with the text of the cells escaped.
 
         :param strong: index of an emphasised row, if any.
+        :param bars: length of a bar in the second cell of each row, 0 to 1, if any.
         """
         numbers = ['style="text-align:right" class="number"' if is_number else
                    'style="text-align:left"' for is_number in self.has_numbers()]
@@ -57,8 +58,9 @@ class TextTable:
                 for cell, start, number in zip(cells, tags, numbers)) + '</tr>'
 
         head, *rows = self.cells()
-        body = ''.join(row(cells, 'row', 'td', ' class="strong"' * (k == strong))
-                       for k, cells in enumerate(rows))
+        kinds = [' class="strong"' * (k == strong) for k in range(len(rows))]
+        kinds = [f'{kind} style="--bar:{bar:.0%}"' for kind, bar in zip(kinds, bars)] or kinds
+        body = ''.join(row(cells, 'row', 'td', kind) for cells, kind in zip(rows, kinds))
         return ('<div class="wide"><table><thead>' + row(head, 'col', 'th scope="col"')
                 + f'</thead><tbody>{body}</tbody></table></div>')
 

@@ -35,7 +35,7 @@ class ReportOptions:
     - `break_steps`: minimum gap that breaks a line, in median steps.
     - `max_segment`: samples of one segment of a spectrum over time.
     - `max_order`, cycles per revolution, and `order_step`, cycles over the visited range: of a
-      spectrum over the angle; `min_travel`, rad: of a joint for one, and of its range in pairs.
+      spectrum over the angle; `min_travel`, rad: of a joint for one.
     - `max_plots`: added-variable plots; `max_coefficients` of a finding.
     - `shown_terms`: of the model's terms in the equation.
 

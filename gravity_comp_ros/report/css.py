@@ -43,6 +43,8 @@ td.number { white-space: nowrap }
 /* On a narrow page a table scrolls before its text is one word wide. */
 td:not(.number) { min-width: 9em }
 tr.strong th, tr.strong td { font-weight: 700 }
+tr[style] > td:first-of-type { background: linear-gradient(to left, var(--line) var(--bar),
+  transparent 0); min-width: 8em; padding-left: .7rem; print-color-adjust: exact }
 .key { display: flex; flex-wrap: wrap; gap: .3rem 1.1rem }
 .key i { display: inline-block; width: .85em; height: .85em; border-radius: 2px;
   margin-right: .35em; vertical-align: -.05em; border: 1px solid var(--line);

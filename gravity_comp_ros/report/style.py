@@ -1,18 +1,16 @@
-"""Colours and common style of the plots, and grouped bars."""
+"""Colours and common style of the plots."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 import re
 from typing import Any
 
-from bokeh.models import BoxSelectTool, ColumnDataSource, FixedTicker, Range1d, WheelZoomTool
+from bokeh.models import BoxSelectTool, Range1d, WheelZoomTool
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 from bokeh.themes import Theme
 from gravity_comp_ros.printable import printable
-from gravity_comp_ros.report import css, markup
+from gravity_comp_ros.report import css
 
 # Okabe and Ito's hues, distinguishable with any common colour blindness. They have a contrast to
 # white that remains when the dark style inverts them.
@@ -20,7 +18,6 @@ BLUE, VERMILION, PURPLE = '#0072b2', '#d55e00', '#b0588a'
 TEXT, FAINT, GRID = '#1b1f24', '#59636e', '#e3e6ea'
 MEASURED, PREDICTED, RESIDUAL, MARKED = TEXT, VERMILION, BLUE, '#c4007a'
 UP, DOWN, STILL = BLUE, VERMILION, '#8a8f98'
-AFTER = BLUE
 # From small to large values, the largest with the highest contrast.
 HEAT = list(Cividis256[::-1])
 
@@ -84,45 +81,3 @@ def label(text: str, max_length: int = 18) -> str:
     """Return text from a file for a title, an axis or a tooltip, without Bokeh's formulas."""
     text = short(printable(text), max_length)
     return re.sub(r'\$(?=\$)', '$ ', text).replace(r'\(', r'\ (').replace(r'\[', r'\ [')
-
-
-# Height of all bars of a group, and maximum height of a bar, relative to the group.
-_FILLED, _MAX_THICKNESS = 0.78, 0.3
-# Height in pixels of a group, and of the axis with its labels.
-_GROUP, _AXIS = 36, 62
-
-
-@dataclass(frozen=True)
-class Bars:
-    """One series of bars: name, value in each group, and colour."""
-
-    name: str
-    values: Sequence[float]
-    colour: str
-
-
-def bar_plot(groups: Sequence[str], bars: Sequence[Bars]) -> figure:
-    """Return a plot of errors in N·m with a group of bars for each name; see `bar_key`."""
-    count, step = len(groups), min(_FILLED / len(bars), _MAX_THICKNESS)
-    # Groups are placed by number, because printable names may be identical.
-    fig = plot('', 'RMSE, N·m', '', _AXIS + _GROUP * count, 'hover', y_range=(count - 0.45, -0.55))
-    names = [label(name, 80) for name in groups]
-    for place, series in enumerate(bars):
-        shift = (place - 0.5 * (len(bars) - 1)) * step
-        source = ColumnDataSource({
-            'y': [k + shift for k in range(count)], 'right': list(series.values), 'name': names,
-            'what': [label(series.name, 80)] * count})
-        fig.hbar('y', right='right', height=0.9 * step, source=source, color=series.colour)
-    fig.yaxis.ticker = FixedTicker(ticks=list(range(count)))
-    fig.yaxis.major_label_overrides = {
-        k: label(name) for k, name in enumerate(groups)}
-    fig.ygrid.visible = False
-    fig.x_range.start = 0.0
-    fig.hover.tooltips = [('', '@name'), ('', '@what'), ('RMSE', '@right{0.0000}')]
-    fig.toolbar_location = None
-    return fig
-
-
-def bar_key(bars: Sequence[Bars]) -> str:
-    """Return the legend of bars as HTML."""
-    return markup.key([(series.colour, series.name) for series in bars])

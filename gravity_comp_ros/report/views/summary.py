@@ -1,9 +1,7 @@
-"""Headline, error of each joint, plot of the main finding, and the next command."""
+"""Headline, error of each joint, plot of the main finding, next command, and regions."""
 
 from __future__ import annotations
 
-from bokeh.layouts import row
-from bokeh.models import UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Finding
@@ -12,7 +10,6 @@ from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents, REPORT, Table
 from gravity_comp_ros.report.section import Section
-from gravity_comp_ros.report.style import AFTER, bar_key, bar_plot, Bars, DOWN, STILL
 from gravity_comp_ros.report.views import effects, residuals
 import numpy as np
 
@@ -58,23 +55,21 @@ def _noise(contents: Contents, name: str) -> float:
     return float(contents.model.noise[contents.model.joints.index(name)])
 
 
-def errors(contents: Contents) -> Section:
-    """Return the table of errors and the regions of large error."""
+def _errors(contents: Contents) -> str:
+    """Return the table of errors, with a bar for the RMSE of each joint."""
     errors = contents.comparison.table(
         contents.joints, dict(zip(contents.model.joints, contents.model.noise.tolist())),
         contents.previous, contents.previous_name)
-    lead = markup.paragraph(
-        'The error is measured minus predicted torque. nRMSE is RMSE over the range of the '
-        'measured torque (Yu 2022, Eq. 16); it is meaningless for joints without gravity load. '
-        'For comparison: the training error'
+    rmse = [contents.comparison.joints[name].rmse for name in contents.joints]
+    return errors.html(contents.joints.index(contents.worst),
+                       [x / (max(rmse) or 1.0) for x in rmse]) + markup.paragraph(
+        f'Errors: {contents.compared}. Plots show all samples. The error is measured minus '
+        'predicted torque. nRMSE is RMSE over the range of the measured torque (Yu 2022, Eq. 16); '
+        'it is meaningless for joints without gravity load. For comparison: the training error'
         + (f', the error of {contents.previous_name},' if contents.previous else '')
         + ' and the error of a constant torque. "in band" and "outside" are the shares of '
         'residuals inside the 95 % prediction band, within and outside the trained range.',
         'quiet')
-    lead += markup.paragraph(f'Errors: {contents.compared}. Plots show all samples.',
-                             'quiet')
-    table = errors.html(strong=contents.joints.index(contents.worst))
-    return Section('joints', 'Errors by joint', lead + table, after=_regions(contents))
 
 
 def _regions(contents: Contents) -> str:
@@ -93,35 +88,17 @@ _OVER = {'speed': 'v', 'position': 'q', 'load': 'p', 'time': 't'}
 
 
 def section(contents: Contents, table: Table) -> Section:
-    """Return bars for every joint, the evidence plot, and the next command."""
-    bars = error_bars(contents)
+    """Return the errors of every joint, the evidence plot, the next command, and the regions."""
     finding = main_finding(contents)
-    errors = bar_plot(contents.joints, bars)
-    errors.styles = {'flex': '1 1 300px', 'width': 'auto'}
     evidence = _evidence(contents, table, finding)
-    evidence.height = max(280, min(errors.height, 420))
-    evidence.toolbar_location = 'above'
-    evidence.styles = {'flex': '2 1 300px', 'width': 'auto'}
-    plots: list[UIElement] = [errors, evidence]
+    evidence.height, evidence.toolbar_location = 300, 'above'
     after = ''
     if contents.next_command:
         after = '<h3>Next step</h3>' + markup.command(contents.next_command)
     elif finding is not None and finding.next_step:
         after = markup.paragraph(f'Next: {finding.next_step}', 'quiet')
-    return Section('summary', 'Error of each joint', bar_key(bars),
-                   row(*plots, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'}), after)
-
-
-def error_bars(contents: Contents) -> list[Bars]:
-    """Return the bars of the errors of every joint, in N·m: those of the table of errors."""
-    joints = contents.joints
-    bars = [Bars('in training', contents.model.noise[contents.numbers].tolist(), STILL),
-            Bars('on these samples', [contents.comparison.joints[name].rmse for name in joints],
-                 AFTER)]
-    if contents.previous:
-        before = [contents.previous.get(name, float('nan')) for name in joints]
-        bars.insert(1, Bars(contents.previous_name, before, DOWN))
-    return bars
+    return Section('summary', 'Error of each joint', _errors(contents), evidence,
+                   after + _regions(contents))
 
 
 def _evidence(contents: Contents, table: Table, finding: Finding | None) -> figure:

@@ -9,7 +9,6 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import keep_extremes
 from gravity_comp_ros.report.views.effects import added_variable
-from gravity_comp_ros.report.views.pairs import cell_edges, pair_cells, places
 from gravity_comp_ros.report.views.spectrum import over_angle, over_time
 from hypothesis import given, strategies as st
 import numpy as np
@@ -29,23 +28,6 @@ def test_no_peak_is_lost(seed, m, k):
     for run in np.unique(runs):
         samples = np.flatnonzero(runs == run)
         assert samples[0] in rows and samples[-1] in rows
-
-
-def test_cells_of_pairs_against_analytic_values():
-    q = np.array([[0.0, 0.0], [0.1, 0.1], [0.9, 1.0], [1.0, 0.9]])
-    residual = np.array([[1.0, 0.0], [3.0, 0.0], [2.0, 0.0], [2.0, 4.0]])
-    place = places(q, cell_edges(q, 2))
-    assert place.tolist() == [[0, 0], [0, 0], [1, 1], [1, 1]]
-    cells = pair_cells(place, residual, 2)
-    both = (cells['i'] == 0) & (cells['j'] == 1)
-    assert cells['a'][both].tolist() == [0, 1] and cells['b'][both].tolist() == [0, 1]
-    assert cells['count'][both].tolist() == [2, 2]
-    np.testing.assert_allclose(cells['e0'][both], [np.sqrt(5.0), 2.0])
-    np.testing.assert_allclose(cells['e1'][both], [0.0, np.sqrt(8.0)])
-    # A joint at rest has one cell.
-    q = np.column_stack([np.linspace(0, 1, 50), np.full(50, 0.3)])
-    cells = pair_cells(places(q, cell_edges(q)), np.ones((50, 2)), 12)
-    assert cells['count'][(cells['i'] == 1) & (cells['j'] == 1)].tolist() == [50]
 
 
 def test_an_oscillation_is_found_at_its_frequency():
