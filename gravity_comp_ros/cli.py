@@ -111,7 +111,7 @@ def _overview(argv: list[str]) -> int:
 def _run_verb(verb: str, argv: list[str]) -> int:
     # Numerical modules are imported only now, when the number of threads is set.
     from gravity_comp_ros.commands.arguments import verb_parser
-    from gravity_comp_ros.commands.html import write_error
+    from gravity_comp_ros.commands.html import write_lines
     from gravity_comp_ros.commands.outputs import check_outputs
     parser = verb_parser(verb)
     parser.set_defaults(command=shlex.join([PROGRAM, verb, *argv]), parser=parser)
@@ -122,7 +122,7 @@ def _run_verb(verb: str, argv: list[str]) -> int:
         answer = importlib.import_module(f'gravity_comp_ros.commands.{verb}').run(args)
     except GravityCompError as problem:
         if getattr(args, 'html', None) is not None:
-            write_error(args.html, str(problem))
+            write_lines(args.html, str(problem), [])
         raise
     return answer if isinstance(answer, int) else int(answer.give(args.json))
 

@@ -24,6 +24,7 @@ from gravity_comp_ros.description_check.check import check_description
 from gravity_comp_ros.description_check.sentences import (
     error_rows, findings, unchecked_sentences)
 from gravity_comp_ros.display import TextTable
+from gravity_comp_ros.printable import counted
 
 EXIT_FAULTS = 3
 
@@ -49,21 +50,23 @@ def run(args: argparse.Namespace) -> terminal.Answer:
         faults = findings(result, arm, recording.reports[0].options.effort_scale)
         report('check', 1.0)
     source = arm.tree.source
-    unchecked, errors = unchecked_sentences(result), error_rows(result)
-    if args.html is not None:
-        html.write_check(args, source, faults, errors, unchecked)
+    unchecked = unchecked_sentences(result)
     document = {
         'description': source, 'faults': faults,
         'joints': {joint: {'rmse': before, 'rmse_corrected': after, 'torque_rms': torque}
                    for joint, before, after, torque in zip(
                        result.joints, result.before, result.after, result.torque)},
         'unchecked': unchecked, **recording.to_json()}
-    lines: list[terminal.Line] = [*reading.lines(recording), '']
+    lines: list[terminal.Line] = []
     for number, one in enumerate(faults, start=1):
         lines += [f'{number}. {one.sentence}', terminal.command(one.correction),
                   *(f'   or, as probable: {other}' for other in one.alternatives)]
     columns = ('joint', 'torque RMS N·m', 'RMSE as described', 'corrected')
+    errors: list[terminal.Line] = [TextTable(columns, error_rows(result)), *unchecked]
+    if args.html is not None:
+        found = counted(len(faults), 'fault') if faults else 'no fault'
+        html.write_lines(args.html, f'{source}: {found} found', [*lines, *errors])
     return terminal.Answer(document, [
-        *lines, *([] if faults else [f'{source}: no fault found']), '',
-        TextTable(columns, errors), *unchecked],
+        *reading.lines(recording), '', *lines,
+        *([] if faults else [f'{source}: no fault found']), '', *errors],
         status=EXIT_FAULTS if faults else 0)

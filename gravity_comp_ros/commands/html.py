@@ -5,47 +5,33 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
+from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.markup import html_page, text
-
-if TYPE_CHECKING:
-    from gravity_comp_ros.description_check.sentences import Finding
+from rich.text import Text
 
 
-def write_error(path: Path, message: str) -> None:
-    """Write a page with the error of a verb, atomically."""
-    page = html_page(f'gravity_comp: {path.stem}', f'<h1 id="verdict">{text(message)}</h1>')
-    write_atomically(path, page.encode(), error=GravityCompError)
-
-
-def write_check(args: argparse.Namespace, source: str, faults: Sequence[Finding],
-                errors: Sequence[Sequence[str]], unchecked: Sequence[str]) -> None:
+def write_lines(path: Path, headline: str, lines: Sequence[terminal.Line]) -> None:
     """
-    Write the faults of a robot description, named `source`, and its errors by joint, atomically.
+    Write the lines of an answer below a headline, atomically.
 
     :raises GravityCompError: if the page cannot be written.
     """
-    headline = f'{source}: {counted(len(faults), "fault") if faults else "no fault"} found'
-    items = ''.join(
-        f'<h2>{number}. {text(fault.sentence)}</h2>'
-        + markup.bullets(f'or, as probable: {other}' for other in fault.alternatives)
-        + markup.command(fault.correction) for number, fault in enumerate(faults, start=1))
-    table = TextTable(('joint', 'torque RMS, N·m', 'RMSE as described, N·m',
-                       'RMSE corrected, N·m'), errors)
-    page = html_page(f'gravity_comp check: {source}', (
-        f'<h1 id="verdict">{text(headline)}</h1>{items}<h2>Error by joint</h2>{table.html()}'
-        f'{markup.bullets(unchecked)}'), [markup.COPY])
-    write_atomically(args.html, page.encode(), error=GravityCompError)
+    body = ''.join(line.html() if isinstance(line, TextTable) else
+                   markup.command(line.plain.strip()) if isinstance(line, Text) else
+                   markup.paragraph(line) for line in lines if line != '')
+    page = html_page(f'gravity_comp: {path.stem}',
+                     f'<h1 id="verdict">{text(headline)}</h1>{body}', [markup.COPY])
+    write_atomically(path, page.encode(), error=GravityCompError)
 
 
 def check_libraries(args: argparse.Namespace) -> None:
