@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> Answer:
     if args.goals is not None:
         return _stiffness(args)
     if args.loaded is None or args.mass is None or args.model is not None:
-        raise OptionError('name LOADED and --mass for efforts, or --goals and --model for servos')
+        args.parser.error('name LOADED and --mass for efforts, or --goals and --model for servos')
     if args.empty.resolve() == args.loaded.resolve():
         raise OptionError(f'{args.empty} is named as the recording without and with the weight')
     options, slow = arguments.read_options(args), arguments.gate(args)
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> Answer:
 def _stiffness(args: argparse.Namespace) -> Answer:
     """Find the stiffness of servos from goals and positions."""
     if args.model is None or args.loaded is not None or args.mass is not None:
-        raise OptionError('--goals needs one recording and --model, and neither LOADED nor --mass')
+        args.parser.error('--goals needs one recording and --model, and neither LOADED nor --mass')
     model = load_model(args.model)
     options = replace(arguments.read_options(args), joints=model.joints)
     with terminal.progress() as report:

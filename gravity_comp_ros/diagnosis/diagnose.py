@@ -90,7 +90,8 @@ def _joint_report(evidence: Evidence, n: int, name: str,
     noise = float(_white(evidence.estimated)[n])
     untestable = {effect: reason for (effect, joint), reason in
                   evidence.estimated.regression.candidates.untestable.items() if joint == n}
-    own = [f for f in findings if f.joint == name]
+    # An effect of the whole arm counts on the joints whose error it reduces.
+    own = [f for f in findings if f.joint == name or (f.joint is None and after < before)]
     remaining = rest / float(evidence.span[n]) if rest > 2.0 * noise else 0.0
     return JointReport(_summary(own, before, after), noise, float(evidence.n_effective[n]),
                        before, after, untestable,

@@ -72,8 +72,14 @@ def sizes(coefficients: Mapping[str, Quantity], limit: int = _MAX_COEFFICIENTS) 
 
 
 def coefficients(values: Mapping[str, Quantity], limit: int = 3) -> str:
-    """Return the first `limit` coefficients with units and 95 % intervals, in one line."""
+    """
+    Return `limit` coefficients with units and 95 % intervals, in one line.
+
+    They are the largest of one unit, as of the harmonics of a ripple, else the first.
+    """
     items = list(values.items())
+    if len(items) > limit and len({x.unit for x in values.values()}) == 1:
+        items.sort(key=lambda item: -abs(item[1].value))
     texts = '; '.join(f'{symbol} = {plus_minus(x)}' for symbol, x in items[:limit])
     more = len(items) - limit
     return texts + (f' and {more} more' if more > 0 else '') or '–'

@@ -99,7 +99,8 @@ def from_urdf(path: str | Path) -> Arm:
     try:
         text = path.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError) as error:
-        raise OptionError(f'cannot read URDF {path}: {error}') from None
+        reason = (getattr(error, 'strerror', None) or 'it is not text').lower()
+        raise OptionError(f'cannot read URDF {path}: {reason}') from None
     try:
         model = pin.buildModelFromXML(text)
     except (ValueError, RuntimeError) as error:

@@ -12,7 +12,8 @@ from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.diagnose import next_steps
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, Verdict
-from gravity_comp_ros.diagnosis.wording import verdict
+from gravity_comp_ros.diagnosis.wording import coefficients, verdict
+from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
 
@@ -108,6 +109,13 @@ def test_no_findings_where_nothing_is_missing(capsys):
 def finding(effect, verdict, alternatives=(), next_step='move it', to_add=()):
     return Finding('shoulder', effect, verdict, alternatives, {}, 0.2, 0.1, 0.0, 1.0, 'why',
                    next_step, to_add=to_add)
+
+
+def test_the_largest_harmonics_are_shown():
+    ripple = {f'a_{k}': Quantity(size, 'N·m', (size - 0.1, size + 0.1))
+              for k, size in enumerate((0.1, 0.2, -5.0, 0.3))}
+    assert coefficients(ripple, 2) == 'a_2 = -5.00 ± 0.10 N·m; a_3 = 0.30 ± 0.10 N·m and 2 more'
+    assert coefficients(ripple, 4).startswith('a_0 = ')
 
 
 def arguments(model):
