@@ -14,8 +14,7 @@ PATIENCE = 240.0  # s
 RMSE = 'td:nth-of-type(1)'  # in the table of errors
 # Heading of each view, and its number of plots for one joint.
 VIEWS = {'Over time': ('Over time', 2),
-         'Residual': ('Residual against speed, position, load and time', 4),
-         'Spectrum': ('Spectrum of the residual', 2),
+         'Residual': ('Residual against speed, position, load and time', 5),
          'Effects': ('Missing effects', 1), 'Model': ('The model', 0),
          'Data': ('Quality of the data', 0), 'Provenance': ('Provenance', 0),
          'Summary': ('Error of each joint', 1)}

@@ -33,10 +33,9 @@ class ReportOptions:
       training error, that is reported. `max_regions`: of large error, by joint.
     - `max_rows`: samples that are drawn, approximately; a page of them is still quick.
     - `break_steps`: minimum gap that breaks a line, in median steps.
-    - `max_segment`: samples of one segment of a spectrum over time.
     - `max_order`, cycles per revolution, and `order_step`, cycles over the visited range: of a
       spectrum over the angle; `min_travel`, rad: of a joint for one.
-    - `max_plots`: added-variable plots; `max_coefficients` of a finding.
+    - `max_plots`: added-variable plots.
     - `shown_terms`: of the model's terms in the equation.
 
     :raises OptionError: if a number is not positive.
@@ -47,12 +46,10 @@ class ReportOptions:
     max_regions: int = 2
     max_rows: int = 12_000
     break_steps: float = 20.0
-    max_segment: int = 4096
     max_order: float = 80.0
     order_step: float = 0.5
     min_travel: float = 0.05
     max_plots: int = 9
-    max_coefficients: int = 4
     shown_terms: int = 8
 
     def __post_init__(self) -> None:

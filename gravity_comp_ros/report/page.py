@@ -13,7 +13,7 @@ from gravity_comp_ros.report.contents import Contents, Table
 from gravity_comp_ros.report.markup import html_page, NO_PLOTS
 from gravity_comp_ros.report.section import joint_selector, Section
 from gravity_comp_ros.report.style import THEME
-from gravity_comp_ros.report.views import arm, effects, model, residuals, spectrum, summary
+from gravity_comp_ros.report.views import arm, effects, model, residuals, summary
 from gravity_comp_ros.report.views.summary import headline
 
 # Builds a section.
@@ -24,13 +24,12 @@ SECTIONS: dict[str, Maker] = {
     'Over time': residuals.time_section,
     'Arm': lambda contents, table, selector: arm.section(contents, table),
     'Residual': residuals.section,
-    'Spectrum': lambda contents, table, selector: spectrum.section(contents, selector),
     'Effects': lambda contents, table, selector: effects.section(contents, table),
     'Model': lambda contents, table, selector: model.section(contents),
     'Data': lambda contents, table, selector: model.quality(contents),
     'Provenance': lambda contents, table, selector: model.provenance(contents)}
 # Sections with plots of the selected joint.
-BY_JOINT = ('Over time', 'Residual', 'Spectrum')
+BY_JOINT = ('Over time', 'Residual')
 
 _PLACE = '<div class="plots"></div>'
 # MathJax is omitted: it would turn \href in a joint's name into a link.

@@ -11,7 +11,6 @@ from gravity_comp_ros.models.applied_effects import target as effect_name
 from gravity_comp_ros.planning.expected import EXPECTED, MotionPlan
 from gravity_comp_ros.planning.questions import OPEN
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.views.effects import coefficients
 from gravity_comp_ros.workbench.jobs import Step
 from gravity_comp_ros.workbench.results import Results
 from gravity_comp_ros.workbench.widgets import button, download, select
@@ -65,7 +64,8 @@ def _findings(results: Results) -> str:
 
 def _finding(number: int, finding: Finding) -> str:
     alternatives = f'; alternative: {", ".join(finding.rivals)}' if finding.rivals else ''
-    values = f'{coefficients(finding, _MAX_COEFFICIENTS)}; ' if finding.coefficients else ''
+    values = markup.units(f'{wording.coefficients(finding.coefficients, _MAX_COEFFICIENTS)}; '
+                          if finding.coefficients else '')
     return (f'<p><b>{number}. {markup.text(finding.effect or "unexplained")}</b> on '
             f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
             f'<span class="quiet">{markup.text(values)} held-out error '

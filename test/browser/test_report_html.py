@@ -21,8 +21,7 @@ from gravity_comp_ros.report.views.summary import headline
 import numpy as np
 import pytest
 
-ORDER = ['summary', 'time', 'arm', 'residuals', 'spectrum', 'effects', 'model', 'quality',
-         'provenance']
+ORDER = ['summary', 'time', 'arm', 'residuals', 'effects', 'model', 'quality', 'provenance']
 
 
 @pytest.fixture(scope='module')
@@ -123,9 +122,9 @@ def test_the_report_in_a_browser(diagnosed, watched):
     with watched(diagnosed.as_uri()) as tab:
         page = tab.page
         tab.open(diagnosed.as_uri())
-        # Two plots over time, four residuals, two spectra of one joint, and more.
+        # Two plots over time, four residuals and a spectrum of one joint, and more.
         one = len(tab.plots())
-        assert 8 + 3 <= one <= 8 + 10
+        assert 7 + 3 <= one <= 7 + 10
         assert all(width > 60 and height > 25 for _, width, height in tab.plots())
         assert tab.selected() == 0
         first, last = page.locator('#time .bk-Figure').first, page.locator('#time .bk-Figure').last
@@ -145,8 +144,8 @@ def test_the_report_in_a_browser(diagnosed, watched):
         page.wait_for_function(f"() => ({_titles})('elbow, RMSE') == 2")
         assert tab.selected() == rows and len(tab.plots()) == one
         joint.select_option(label='all joints')
-        tab.wait_for_plots(one + 8)
-        assert len(tab.plots()) == one + 8
+        tab.wait_for_plots(one + 7)
+        assert len(tab.plots()) == one + 7
         tab.picture('report')
         assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []
 
@@ -206,7 +205,7 @@ def test_names_with_markup_or_formulas_are_shown_as_text(folder, watched):
     with watched(page.as_uri()) as tab:
         tab.open(page.as_uri())
         tab.page.get_by_label('Plots of joint').select_option(label='all joints')
-        tab.wait_for_plots(20)
+        tab.wait_for_plots(18)
         assert tab.dialogs == [] and tab.complaints == [] and tab.requests == []
         assert tab.page.evaluate(LIVELY) == []
         assert tab.page.evaluate('typeof MathJax') == 'undefined'

@@ -17,7 +17,7 @@ from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.display import percent, TextTable
+from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import motion_of
 from gravity_comp_ros.effects.registry import all_effects
@@ -95,7 +95,7 @@ def section(contents: Contents, table: Table) -> Section:
     lead = markup.paragraph(
         'Findings are ranked by evidence. Errors are held-out errors, each with the effects above '
         'it, relative to the range of the measured torque.', 'quiet')
-    lead += findings_table(findings)
+    lead += markup.units(diagnosis.table().html())
     plots = added(contents, table, range(min(len(findings), REPORT.max_plots)))
     explanation = ''
     if plots:
@@ -108,27 +108,13 @@ def section(contents: Contents, table: Table) -> Section:
                    explanation + details(findings) + summaries(diagnosis))
 
 
-def findings_table(findings: tuple[Finding, ...]) -> str:
-    """Return the ranked findings as a table."""
-    rows = [[f'{k + 1}  {f.effect or _UNKNOWN}', wording.where(f), f.verdict, coefficients(f),
-             wording.change(f),
-             percent(f.base_absorbed), f'{100 * f.runs_better:.0f} %',
-             ', '.join(f.rivals) or '–'] for k, f in enumerate(findings)]
-    return TextTable(
-        ('effect', 'where', 'verdict', 'coefficients, 95 %', 'held-out error',
-         'absorbed by gravity', 'improved runs', 'alternatives'), rows).html()
-
-
-def coefficients(finding: Finding, max_count: int = REPORT.max_coefficients) -> str:
-    """Return at most `max_count` coefficients with units and 95 % intervals in one line."""
-    return markup.units(wording.coefficients(finding.coefficients, max_count))
-
-
 def details(findings: tuple[Finding, ...]) -> str:
     """Return the evidence and the next step of each finding."""
     parts = [f'<p><b>{k + 1}. {markup.text(f.effect or _UNKNOWN)}</b> on '
              f'{markup.text(wording.where(f))}: '
-             f'{markup.text(f.why)}.<br>{markup.text("Next: " + (f.next_step or "add it"))}</p>'
+             f'{markup.text(f.why)}{"; alternative: " * bool(f.rivals)}'
+             f'{markup.text(", ".join(f.rivals))}.<br>'
+             f'{markup.text("Next: " + (f.next_step or "add it"))}</p>'
              for k, f in enumerate(findings)]
     return markup.folded('Evidence and next steps', ''.join(parts))
 

@@ -1,4 +1,4 @@
-"""Torque and residual of a joint over time; residual against its speed, position and load."""
+"""Torque and residual over time; residual against speed, position and load; its spectrum."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from bokeh.models import (
     CustomJS, DataRange1d, Div, HoverTool, Label, LinearColorMapper, Select, Span)
 from bokeh.models.tools import SelectTool
 from bokeh.plotting import figure
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.contents import Contents, Table
+from gravity_comp_ros.report.contents import Contents, REPORT, Table
 from gravity_comp_ros.report.section import by_joint, Section
 from gravity_comp_ros.report.style import (
     DOWN, FAINT, label, MARKED, MEASURED, plot, PREDICTED, RESIDUAL, short, STILL, UP)
+import numpy as np
 
 # Text on the selection: number of drawn samples, time range as `gravity_comp cut` takes it.
 _SELECTION_TEXT = """
@@ -122,16 +124,17 @@ _AGAINST = {'v': ('own speed', 'rad/s'), 'q': ('own position', 'rad'),
 
 
 def section(contents: Contents, table: Table, selector: Select) -> Section:
-    """Return four plots per joint, coloured by the direction of motion."""
+    """Return the residual over four quantities, and its spectrum over the angle, per joint."""
     def plots(k: int) -> list[figure]:
-        common = DataRange1d(range_padding=0.06)
-        return [against(contents, table, contents.numbers[k], letter, common, letter == 'v')
-                for letter in _AGAINST]
+        common, n = DataRange1d(range_padding=0.06), contents.numbers[k]
+        return [*(against(contents, table, n, letter, common, letter == 'v')
+                  for letter in _AGAINST), _spectrum(contents, n)]
 
     lead = markup.paragraph(
         'A correct model gives horizontal bands. A step at speed 0 indicates friction, a slope '
         'over speed viscous friction, over load a wrong gain or load-dependent friction, over '
-        'position a spring or a missing term, over time a drift.', 'quiet')
+        'position a spring or a missing term, over time a drift. A line at an integer number of '
+        'cycles per revolution indicates a gear or a bearing.', 'quiet')
     lead += markup.key([(UP, 'moving up'), (DOWN, 'moving down'), (STILL, 'at rest'),
                         (MARKED, 'selected')])
     return Section('residuals', 'Residual against speed, position, load and time', lead,
@@ -161,5 +164,39 @@ def against(contents: Contents, table: Table, n: int, letter: str,
     fig.add_layout(Span(location=0.0, dimension='width', line_color=FAINT, line_width=1))
     fig.hover.tooltips = [(title, f'@{x}{{0.0000}} {unit}'), ('residual', f'@r{n}{{0.000}} N·m'),
                           ('time', '@t{0.00} s')]
+    fig.axis.ticker.desired_num_ticks = 4
+    return fig
+
+
+def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """
+    Return orders (cycles per revolution) and amplitudes in N·m of one joint's residual.
+
+    They are those of the Lomb-Scargle periodogram, so poses may be uneven. The lowest order is one
+    cycle over the visited range. Both arrays are empty if the joint travels less than 0.05 rad.
+
+    :param q: the joint's angle (M,) in rad.
+    :param residual: (M,) in N·m.
+    """
+    travel = float(np.ptp(q)) if len(q) else 0.0
+    if travel < REPORT.min_travel:
+        return np.zeros(0), np.zeros(0)
+    rows = np.arange(0, len(q), max(1, len(q) // REPORT.max_rows))
+    q, residual = q[rows], residual[rows] - residual[rows].mean()
+    lowest = 2.0 * np.pi / travel
+    count = int(REPORT.max_order / (REPORT.order_step * lowest)) + 1
+    orders = REPORT.order_step * lowest * np.arange(2.0, count)
+    from scipy import signal  # imported here because it takes 0.5 s
+    power = signal.lombscargle(q, residual, orders)
+    return orders, np.asarray(2.0 * np.sqrt(np.maximum(power, 0.0) / len(q)))
+
+
+def _spectrum(contents: Contents, n: int) -> figure:
+    """Return the amplitude of the residual of joint n over cycles per revolution."""
+    fig = plot('', 'cycles per revolution', '', _SQUARE, 'xpan,xbox_zoom,hover,reset,save')
+    orders, amplitude = over_angle(contents.samples.q[:, n], contents.residual[:, n])
+    fig.line(orders, amplitude, color=RESIDUAL, line_width=1.2)
+    fig.varea(orders, 0.0 * orders, amplitude, fill_color=RESIDUAL, fill_alpha=0.25)
+    fig.hover.tooltips = [('cycles per revolution', '@x{0.0}'), ('amplitude', '@y{0.000} N·m')]
     fig.axis.ticker.desired_num_ticks = 4
     return fig

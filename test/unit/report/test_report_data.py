@@ -1,7 +1,7 @@
 """Data of report plots, computed without Bokeh, against analytic values."""
 
 from bench.shared.rough_links import COULOMB, two_links, VISCOUS
-from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.display import TextTable
 from gravity_comp_ros.effects.predict import motion_of, predict_torque
@@ -9,7 +9,7 @@ from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import keep_extremes
 from gravity_comp_ros.report.views.effects import added_variable
-from gravity_comp_ros.report.views.spectrum import over_angle, over_time
+from gravity_comp_ros.report.views.residuals import over_angle
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
@@ -30,31 +30,14 @@ def test_no_peak_is_lost(seed, m, k):
         assert samples[0] in rows and samples[-1] in rows
 
 
-def test_an_oscillation_is_found_at_its_frequency():
-    t = np.arange(0, 40, 0.01)
-    residual = 0.5 * np.sin(2 * np.pi * 12.5 * t)
-    zero = np.zeros((len(t), 1))
-    samples = JointSamples.single_run(('a',), t, zero, zero, residual[:, None])
-    frequency, density = over_time(samples, residual)
-    assert abs(frequency[np.argmax(density)] - 12.5) < 0.1
-    assert len(frequency) <= 2048
-    # A gap of a night is not interpolated.
-    t[2000:] += 40_000.0
-    gap = over_time(JointSamples.single_run(('a',), t, zero, zero, residual[:, None]), residual)
-    assert gap[1].max() == pytest.approx(density.max(), rel=0.4)
-    assert abs(gap[0][np.argmax(gap[1])] - 12.5) < 0.1
-    # Short runs and joints at rest have no spectrum.
-    short = two_links(count=10)
-    assert len(over_time(short, short.tau[:, 0])[0]) == 0
-    assert len(over_angle(np.full(100, 0.4), np.ones(100))[0]) == 0
-
-
 def test_a_ripple_is_found_at_its_order_and_amplitude():
     rng = np.random.default_rng(1)
     q = rng.uniform(-1.5, 1.5, 4000)
     order, amplitude = over_angle(q, 0.2 * np.sin(24 * q + 1.0) + rng.normal(0, 0.02, 4000))
     place = np.argmax(amplitude)
     assert abs(order[place] - 24.0) < 1.1 and 0.17 < amplitude[place] < 0.21
+    # A joint at rest has no spectrum.
+    assert len(over_angle(np.full(100, 0.4), np.ones(100))[0]) == 0
 
 
 def _finding(effect, joint, **setting):
