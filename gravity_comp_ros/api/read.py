@@ -122,17 +122,19 @@ def _without_copies(reports: Sequence[ReadReport]) -> tuple[list[int], tuple[Rea
 
 
 def arm_facts(recording: Recording, arm: KnownArm | None = None,
-              model: GravityModel | None = None,
-              min_ratio: float = OPTIONS.min_ratio) -> list[Fact]:
+              model: GravityModel | None = None, min_ratio: float = OPTIONS.min_ratio,
+              refuse: bool = True) -> tuple[Fact, ...]:
     """
     Return the facts on the order of the names, axes, gains, and the vertical; none of arrays.
 
     :param arm: axes and joint order; None for those of the model.
     :param model: see `torque_facts`.
     :param min_ratio: of gains that are refused.
+    :param refuse: whether to check them.
+    :raises DataError: if one of those to check is refused.
     """
     if not recording.reports:
-        return []
+        return ()
     from gravity_comp_ros.estimation.torque_facts import torque_facts  # imports SciPy
     rotations, by_name = None, False
     if arm is not None:
@@ -141,7 +143,10 @@ def arm_facts(recording: Recording, arm: KnownArm | None = None,
         by_name = geometry is None and arm.order.source == NAMES
     facts = torque_facts(recording.samples, rotations, model, _whole_arm(recording), by_name,
                          min_ratio)
-    return [unless_accepted(fact, recording.reports[0].options.accept) for fact in facts]
+    facts = [unless_accepted(fact, recording.reports[0].options.accept) for fact in facts]
+    if refuse:
+        check_facts(facts)
+    return tuple(facts)
 
 
 def check_facts(facts: Sequence[Fact], where: str = '') -> None:

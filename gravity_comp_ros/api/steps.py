@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.api.axes import ArmOptions, known_arm, KnownArm
-from gravity_comp_ros.api.read import arm_facts, check_facts
+from gravity_comp_ros.api.read import arm_facts
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import apply_gate, GateOptions
 from gravity_comp_ros.data.runs import Block, GUARD, numbers_in, recorded_time, within
@@ -68,19 +68,6 @@ class Diagnosed:
     facts: tuple[Fact, ...]
 
 
-def checked_facts(recording: Recording, arm: KnownArm | None = None,
-                  model: GravityModel | None = None,
-                  min_ratio: float = OPTIONS.min_ratio) -> tuple[Fact, ...]:
-    """
-    Return `arm_facts`.
-
-    :raises DataError: if one is refused.
-    """
-    facts = arm_facts(recording, arm, model, min_ratio)
-    check_facts(facts)
-    return tuple(facts)
-
-
 def learn(recording: Recording, options: ArmOptions = ArmOptions(),
           effects: Sequence[str] = (), progress: Progress | None = None,
           arm: KnownArm | None = None) -> Learned:
@@ -94,7 +81,7 @@ def learn(recording: Recording, options: ArmOptions = ArmOptions(),
     """
     arm = arm or known_arm(recording, options)
     recording = arm.of(recording)
-    facts = checked_facts(recording, arm)
+    facts = arm_facts(recording, arm)
     fit_options = options.to_fit(arm)
     result, refitted = fit_model(recording, fit_options, effects, progress)
     order = None
@@ -226,7 +213,7 @@ def diagnose_recording(recording: Recording, model: GravityModel | None = None,
     from gravity_comp_ros.diagnosis.verdict import DiagnosisOptions
     options = DiagnosisOptions(effects=None if effects is None else tuple(effects))
     if model is not None:
-        facts = checked_facts(recording, model=model)
+        facts = arm_facts(recording, model=model)
         use = not_held_out(model, recording)
         recording = recording if use.all() else replace(recording, use=use)
     else:
@@ -237,7 +224,7 @@ def diagnose_recording(recording: Recording, model: GravityModel | None = None,
             model, facts = learned.model, learned.facts
         else:
             recording = arm.of(recording)
-            facts = checked_facts(recording, arm)
+            facts = arm_facts(recording, arm)
     return Diagnosed(diagnose(recording.used, model, options, progress), model, recording, facts)
 
 
@@ -253,7 +240,7 @@ def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[st
     """
     from gravity_comp_ros.estimation.refit import refit
     recording = recording.select_joints(model.joints)
-    checked_facts(recording, model=model)
+    arm_facts(recording, model=model)
     fitted = with_enough_motion(replace(recording, use=not_held_out(model, recording)))
     result = refit(recording.samples, model, requests(effects, model.joints),
                    use=slow_mask(fitted), progress=progress)
@@ -280,7 +267,7 @@ def update_model(model: GravityModel, recording: Recording,
     from gravity_comp_ros.estimation.update import update
     recording = recording.select_joints(model.joints)
     try:
-        checked_facts(recording, model=model, min_ratio=OPTIONS.min_error)
+        arm_facts(recording, model=model, min_ratio=OPTIONS.min_error)
     except DataError as problem:
         raise DataError(f'{problem}. A payload changes no axis, no gain and no vertical') from None
     gravity = _gravity_alone(model, recording)

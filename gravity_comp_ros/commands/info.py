@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> terminal.Answer:
         together = joined(recordings, slow)
         arm = known_arm(together, arguments.arm_options(args))
         for each in recordings:
-            own = arm_facts(Recording(each.samples, slow, (each.report,)), arm)
+            own = arm_facts(Recording(each.samples, slow, (each.report,)), arm, refuse=False)
             facts.append((replace(each.report, facts=(*each.report.facts, *own)),
                           describe(each.samples, slow)))
         together = arm.of(together)

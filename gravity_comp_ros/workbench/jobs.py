@@ -147,7 +147,7 @@ def _read(job: Job, progress: ProgressCallback) -> ReadResult:
         # Read again without other joints, whose missing values would drop messages.
         return replace(_read(job.of_joints(arm.order.joints), progress), left_out=left_out)
     return ReadResult(samples if job.choice.joints else samples.joints(arm.order.joints),
-                      reports, tuple(arm_facts(recording, arm)))
+                      reports, arm_facts(recording, arm, refuse=False))
 
 
 def _learned(recording: Recording, job: Job, progress: ProgressCallback) -> Learned:
