@@ -138,7 +138,7 @@ def section(contents: Contents, table: Table, selector: Select) -> Section:
     lead += markup.key([(UP, 'moving up'), (DOWN, 'moving down'), (STILL, 'at rest'),
                         (MARKED, 'selected')])
     return Section('residuals', 'Residual against speed, position, load and time', lead,
-                   by_joint(selector, plots, 200))
+                   by_joint(selector, plots, 290))
 
 
 def against(contents: Contents, table: Table, n: int, letter: str,
