@@ -75,11 +75,11 @@ def coefficients(values: Mapping[str, Quantity], limit: int = 3) -> str:
     """
     Return `limit` coefficients with units and 95 % intervals, in one line.
 
-    They are the largest of one unit, as of the harmonics of a ripple, else the first.
+    Of more, as of the harmonics of a ripple, they are those that differ most from 0.
     """
     items = list(values.items())
-    if len(items) > limit and len({x.unit for x in values.values()}) == 1:
-        items.sort(key=lambda item: -abs(item[1].value))
+    if len(items) > limit:
+        items.sort(key=lambda item: -abs(item[1].value) / max(item[1].half, 1e-12))
     texts = '; '.join(f'{symbol} = {plus_minus(x)}' for symbol, x in items[:limit])
     more = len(items) - limit
     return texts + (f' and {more} more' if more > 0 else '') or '–'

@@ -62,7 +62,11 @@ def _errors(contents: Contents) -> str:
         contents.previous, contents.previous_name)
     rmse = [contents.comparison.joints[name].rmse for name in contents.joints]
     return errors.html(contents.joints.index(contents.worst),
-                       [x / (max(rmse) or 1.0) for x in rmse]) + markup.paragraph(
+                       [x / (max(rmse) or 1.0) for x in rmse])
+
+
+def _explanation(contents: Contents) -> str:
+    return markup.paragraph(
         f'Errors: {contents.compared}. Plots show all samples. The error is measured minus '
         'predicted torque. nRMSE is RMSE over the range of the measured torque (Yu 2022, Eq. 16); '
         'it is meaningless for joints without gravity load. For comparison: the training error'
@@ -98,7 +102,7 @@ def section(contents: Contents, table: Table) -> Section:
     elif finding is not None and finding.next_step:
         after = markup.paragraph(f'Next: {finding.next_step}', 'quiet')
     return Section('summary', 'Error of each joint', _errors(contents), evidence,
-                   after + _regions(contents))
+                   after + _regions(contents) + _explanation(contents))
 
 
 def _evidence(contents: Contents, table: Table, finding: Finding | None) -> figure:

