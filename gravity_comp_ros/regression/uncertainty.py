@@ -34,8 +34,8 @@ class Uncertainty:
     The `covariance` (K, K) of the shared coefficients, then those of the terms.
 
     `stds` are by the key of a term the standard deviations of its coefficients, `size_stds` that
-    of a common factor of them, whose estimate is 1. Both are those if no alternative is right, with
-    the error of the term's own law: those of Coulomb and viscous friction are parts of one law.
+    of a common factor of them, whose estimate is 1. Both are those if no alternative is right,
+    with the error of the term's own law: Coulomb and viscous friction are parts of one law.
     """
 
     covariance: FloatArray
