@@ -28,7 +28,8 @@ class NodeOptions:
 
     Samples of an epoch:
 
-    - `max_delay`, s: largest delay of a driver from command to reported effort.
+    - `max_delay`, s: largest delay of a driver from command to reported effort, and `delay_steps`:
+      number of delays up to it that are tried.
     - `period`, s: of samples, that of the gate; `block`: consecutive samples, which are
       correlated, that are held out together, one block in `held_out_every`, and that come between
       two tests for a payload.
@@ -82,6 +83,7 @@ class NodeOptions:
     slope_margin: float = 0.05
     max_late: float = 0.1
     max_delay: float = 0.2
+    delay_steps: int = 100
     period: float = 1.0 / (GateOptions().rate_hz or 1.0)
     block: int = 5
     held_out_every: int = 4
@@ -130,6 +132,8 @@ class CheckOptions:
       Also those by which a mass or a reach may exceed its limit, and the share of gravity may be
       below it.
     - `min_noise`: smallest noise and error, as a fraction of the largest torque of the samples.
+    - `min_span`, rad: range from which, with the samples of a full fit, an effort of which pose
+      explains too little (`FactOptions.min_share`) has no gravity.
     - `max_own`, `max_largest`: residual of a first model as a fraction of the joint's own
       variation, and of the largest one; of a change where no chain explains the arm, `max_largest`
       of the change, or `predicted` times the noise.
@@ -177,6 +181,7 @@ class CheckOptions:
     max_rise: float = 1.2
     significant: float = 2.0
     min_noise: float = 1e-3
+    min_span: float = 0.5
     max_own: float = 0.35
     max_largest: float = 0.1
     min_gravity: float = 0.25
