@@ -75,14 +75,18 @@ def coefficients(values: Mapping[str, Quantity], limit: int = 3) -> str:
     """
     Return `limit` coefficients with units and 95 % intervals, in one line.
 
-    Of more, as of the harmonics of a ripple, they are those that differ most from 0.
+    Of more, as of the harmonics of a ripple, they are those that differ most from 0. One that may
+    be 0 is not shown.
     """
     items = list(values.items())
     if len(items) > limit:
         items.sort(key=lambda item: -abs(item[1].value) / max(item[1].half, 1e-12))
-    texts = '; '.join(f'{symbol} = {plus_minus(x)}' for symbol, x in items[:limit])
-    more = len(items) - limit
-    return texts + (f' and {more} more' if more > 0 else '') or '–'
+        items = [(symbol, x) for symbol, x in items[:limit] if abs(x.value) > x.half]
+    texts = '; '.join(f'{symbol} = {plus_minus(x)}' for symbol, x in items)
+    more = len(values) - len(items)
+    if more:
+        return f'{texts} and {more} more' if texts else f'{more} coefficients'
+    return texts or '–'
 
 
 def settings(effect: AppliedEffect) -> str:

@@ -55,13 +55,13 @@ def uncertainty_of(search: Search, posterior: Posterior,
     certain = posterior.covariance + omitted
     stds, size_stds = {}, {}
     for term, at in posterior.at.items():
-        own = (certain + _by_laws(search, posterior, [term]))[np.ix_(at, at)]
+        own = (certain + by_laws(posterior, [term]))[np.ix_(at, at)]
         beta = posterior.beta[at]
         stds[term.key] = np.sqrt(np.diag(own))
         size_stds[term.key] = float(beta @ np.linalg.solve(own, beta)) ** -0.5
     steps = _steps_to_others(search, posterior, others)
     moving = [term for term in posterior.terms if not term.effect.is_static]
-    return Uncertainty(certain + _by_laws(search, posterior, moving) + steps.T @ steps, stds,
+    return Uncertainty(certain + by_laws(posterior, moving) + steps.T @ steps, stds,
                        size_stds)
 
 
@@ -72,7 +72,7 @@ def _order(of: Posterior, posterior: Posterior) -> IntArray:
                            *(at[term.key] for term in posterior.terms)])
 
 
-def _by_laws(search: Search, posterior: Posterior, terms: Sequence[Term]) -> FloatArray:
+def by_laws(posterior: Posterior, terms: Sequence[Term]) -> FloatArray:
     """Return the covariance (K, K) of all coefficients by the errors of the laws of some terms."""
     design, total = posterior.design, np.zeros_like(posterior.covariance)
     for j in range(design.n_joints):
@@ -84,7 +84,7 @@ def _by_laws(search: Search, posterior: Posterior, terms: Sequence[Term]) -> Flo
                 squares += float(beta @ design.gram[j][np.ix_(here, here)] @ beta)
         columns, places = posterior.columns(j), posterior.places(j)
         total[np.ix_(places, places)] += (
-            posterior.precision[j] ** 2 * search.options.law_error ** 2 * squares
+            posterior.precision[j] ** 2 * design.law_error ** 2 * squares
             * design.gram[j][np.ix_(columns, columns)])
     return np.asarray(posterior.covariance @ total @ posterior.covariance)
 

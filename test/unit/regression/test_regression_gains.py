@@ -11,6 +11,7 @@ from gravity_comp_ros.regression.gains import (
     gain_of, inflation, log_share_allowed, Ranking, Score, score_of, shares_left)
 from gravity_comp_ros.regression.posterior import leave_out, solve
 from gravity_comp_ros.regression.term import is_consistent, uncorrected, with_children_of
+from gravity_comp_ros.regression.uncertainty import by_laws
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -231,12 +232,23 @@ def test_a_coefficient_is_identified_by_what_all_other_columns_leave_of_its_colu
     np.testing.assert_allclose(shares_left(own, np.diag(own)), 0.5, rtol=1e-6)
     alone = Score(None, np.diag([1.0, 9.0]), np.zeros(2), np.zeros(2), np.diag([4.0, 9.0]))
     np.testing.assert_allclose(alone.identified, [0.5, 1.0], rtol=1e-6)
-    # The torque of the coefficients 1, 1 has the length sqrt(13); 1 % of it that looks like the
-    # half of the first column changes its coefficient by 1 % x sqrt(13) / (0.5 x 2).
-    np.testing.assert_allclose(alone.leverage(np.ones(2)),
-                               np.sqrt(13.0) / np.array([1.0, 3.0]), rtol=1e-6)
     none = Score(None, np.diag([1.0, 0.0]), np.zeros(2), np.zeros(2), np.diag([4.0, 0.0]))
-    assert none.identified[1] < 1e-3 and none.leverage(np.ones(2))[1] == 0.0
+    assert none.identified[1] < 1e-3
+
+
+def test_the_error_of_a_law_changes_the_coefficients_as_draws_of_it_do():
+    design, _, terms = case(0)
+    selected = tuple(terms.values())
+    posterior = solve(design, selected, PRECISION)
+    rubbing = terms['coulomb_friction', 1]
+    torque = rubbing.on(1) @ posterior.beta[posterior.at[rubbing]] * design.root[1]
+    draws = np.random.default_rng(3).normal(size=(4000, design.n_rows))
+    error = design.law_error * np.sqrt((torque ** 2).sum()) * draws
+    score = np.zeros((len(draws), len(posterior.beta)))
+    score[:, posterior.places(1)] = PRECISION[1] * error @ design.x[1][posterior.columns(1)].T
+    std = (score @ posterior.covariance).std(axis=0)
+    expected = np.sqrt(np.diag(by_laws(posterior, [rubbing])))
+    np.testing.assert_allclose(std, expected, rtol=0.1, atol=1e-9 * expected.max())
 
 
 def test_a_column_that_is_a_sum_of_others_is_not_identified():
@@ -244,7 +256,7 @@ def test_a_column_that_is_a_sum_of_others_is_not_identified():
     own = columns @ columns.T
     assert (shares_left(own, np.diag(own)) < 1e-4).all()
     negative = Score(None, np.diag([1.0, -1e-9]), np.zeros(2), np.zeros(2), np.eye(2))
-    assert negative.identified[1] == 0.0 and negative.leverage(np.ones(2))[1] == 0.0
+    assert negative.identified[1] == 0.0
     # The moment about a vertical axis has no torque; its rounding seemed to be identified.
     z = np.random.default_rng(1).normal(size=(3, 50)) * np.array([[1.0], [1e-8], [2.0]])
     own = z @ z.T
