@@ -193,7 +193,8 @@ def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatAr
 
 def _spectrum(contents: Contents, n: int) -> figure:
     """Return the amplitude of the residual of joint n over cycles per revolution."""
-    fig = plot('', 'cycles per revolution', 'amplitude, N·m', _SQUARE, 'xpan,xbox_zoom,hover,reset,save')
+    fig = plot('', 'cycles per revolution', 'amplitude, N·m', _SQUARE,
+               'xpan,xbox_zoom,hover,reset,save')
     orders, amplitude = over_angle(contents.samples.q[:, n], contents.residual[:, n])
     fig.line(orders, amplitude, color=RESIDUAL, line_width=1.2)
     fig.varea(orders, 0.0 * orders, amplitude, fill_color=RESIDUAL, fill_alpha=0.25)
