@@ -9,8 +9,8 @@ Run from the root of the repository:
 
 A case is an arm of `arms.SOURCES` and a seed (`cases`).
 
-Seeds 365 to 399 are for judging: no tuning on them, and no look at their single cases before the
-code is final. Seeds 328 to 364 were judged, those from 300 to 327 looked at: they and those from
+Seeds 373 to 399 are for judging: no tuning on them, and no look at their single cases before the
+code is final. Seeds 328 to 372 were judged, those from 300 to 327 looked at: they and those from
 400 on are for tuning.
 Friction with two levels in seeds up to 306 had a force that jumped at a reversal. Results of seeds
 up to 320 are of an earlier draw: the bristles of load friction and of asymmetric friction counted
