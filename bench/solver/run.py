@@ -71,8 +71,9 @@ def growth(n_joints: int) -> tuple[object, ...]:
     """Return the row of an arm: L1 problem and whole fit of its most loaded joint."""
     problem = long_arm(n_joints)
     tau = (problem.b / problem.weights)[:, None]
-    sparse = SparseProblem(TorqueDesign, problem.q, tau, np.zeros(len(tau), dtype=int),
-                           np.ones(3 ** n_joints, dtype=bool))
+    m = len(tau)
+    sparse = SparseProblem(TorqueDesign, problem.q, tau, np.zeros(m, dtype=int),
+                           np.arange(m) * 5 // m, np.ones(3 ** n_joints, dtype=bool))
     times: list[tuple[float, float]] = []
     for _ in range(3):
         started = time.perf_counter()

@@ -262,11 +262,11 @@ class _Work:
         They are selected from the torque without the effects of motion of a known regression.
         """
         self.report('ADMM', 0.5)
-        rows = self.problem.means(known.torque_at_rest())
+        rows, fold = self.problem.means(known.torque_at_rest()), self.problem.rows.fold
         if formulation == 'potential':
-            energy, fits = fit_potential(rows)
+            energy, fits = fit_potential(rows, fold)
             return Energy(energy), tuple(fits)
-        torques, fits = fit_per_joint(rows)
+        torques, fits = fit_per_joint(rows, fold)
         return Torques(torques), tuple(fits)
 
     def _searched(self, shared: Shared, chain: Regression) -> Regression:

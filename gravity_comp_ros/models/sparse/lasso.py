@@ -27,6 +27,16 @@ _MAX_ROUNDS = 100
 _NEGLIGIBLE = 1e-9
 
 
+def column_lengths(design: Design) -> FloatArray:
+    """Return the length of every column of a design."""
+    return np.sqrt(np.maximum(design.squared_norms, 0.0))
+
+
+def has_length(lengths: FloatArray) -> BoolArray:
+    """Return the mask of the columns that are not a structural 0 up to rounding."""
+    return lengths > _NEGLIGIBLE * max(float(lengths.max(initial=0.0)), 1e-300)
+
+
 @dataclass(frozen=True)
 class Certificate:
     """
@@ -78,9 +88,8 @@ class LassoProblem:
     options: admm.AdmmOptions = admm.AdmmOptions()
 
     def __post_init__(self) -> None:
-        lengths = np.sqrt(np.maximum(self.design.squared_norms, 0.0))
-        usable = self.usable & (lengths > _NEGLIGIBLE * max(float(lengths.max(initial=0.0)),
-                                                            1e-300))
+        lengths = column_lengths(self.design)
+        usable = self.usable & has_length(lengths)
         self._inverse_lengths = np.where(usable, 1.0 / np.where(usable, lengths, 1.0), 0.0)
         self._c = self.design.correlate(self.b) * self._inverse_lengths
         self._correlation = self._c
@@ -92,16 +101,6 @@ class LassoProblem:
     def solve(self, lam: float) -> LassoSolution:
         """Return the solution for `lam` > 0, started from the previous one."""
         return self._solution(lam, *self._run(lam))
-
-    def working_set(self, more: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """
-        Return the features (C,) of the working set, their unit columns (C, R), and 1 / lengths.
-
-        :param more: features that join it, if they are usable.
-        """
-        new = np.setdiff1d(more[self._inverse_lengths[more] > 0.0], self._set)
-        self._enlarge(new, self._correlation[new])
-        return self._set, self._columns, self._inverse_lengths[self._set]
 
     def _run(self, lam: float) -> tuple[admm.AdmmResult, int, int]:
         """Solve on the working set and enlarge it until no column violates the conditions."""

@@ -45,6 +45,10 @@ class Design(ABC):
     def squared_norms(self) -> FloatArray:
         """The squared length of every column."""
 
+    def correlate_many(self, r: FloatArray) -> FloatArray:
+        """Return r.T A for r (R, K), shape (K, 3^N)."""
+        return np.array([self.correlate(one) for one in r.T]).reshape(-1, self.n_columns)
+
     def reweighted(self, row_weights: FloatArray) -> Design:
         """Return the design of the same poses with other weights of the rows."""
         return type(self)(self.q, row_weights, self.halves)

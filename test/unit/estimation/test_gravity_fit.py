@@ -11,7 +11,6 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.estimation.estimate import FitOptions
 from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import admm, dictionary, sparse_fit
 from gravity_comp_ros.models.sparse.lasso import LassoProblem
 from gravity_comp_ros.simulation.arms import gravity_torque, with_base_tilt
@@ -214,11 +213,11 @@ def test_autocorrelated_noise_inflates_the_variance_and_keeps_the_model_small(mo
     t = 0.2 * np.arange(300)
     arm = serial_arm(2)
     q = np.column_stack([0.8 * np.sin(0.13 * t), 0.7 * np.sin(0.19 * t + 1)])
-    error = ornstein_uhlenbeck(np.random.default_rng(0).standard_normal(q.shape), 0.2, 2.0)
-    tau = gravity_torque(arm, q) + 0.5 * error
+    noise = ornstein_uhlenbeck(np.random.default_rng(0).standard_normal(q.shape), 0.2, 2.0)
+    tau = gravity_torque(arm, q) + 0.5 * noise
     samples = samples_of(q, tau)
     inflated = fit(samples, FitOptions('potential'))
-    monkeypatch.setattr(noise, 'WHITE', np.inf)
+    monkeypatch.setattr(sparse_fit, '_FACTORS', (1.0,))
     naive = fit(samples, FitOptions('potential'))
     assert inflated.report.solver[0].inflation > 1.0
     assert inflated.model.n_features().sum() < naive.model.n_features().sum()

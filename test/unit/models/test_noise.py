@@ -1,6 +1,10 @@
 """Noise: absolute and relative standard deviation, and the correlation time."""
 
 from gravity_comp_ros.models import noise
+from gravity_comp_ros.models.sparse import sparse_fit
+from gravity_comp_ros.models.sparse.regressor import TorqueDesign
+from gravity_comp_ros.models.sparse.sparse_fit import SparseProblem, SupportFit
+from gravity_comp_ros.models.sparse.support import Refit
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
@@ -104,6 +108,30 @@ def test_samples_of_different_runs_are_independent():
 def test_correlation_time_is_at_least_one(values):
     residual = np.array(values)
     assert 1.0 <= noise.correlation_time(residual, np.zeros(len(values), dtype=int)) < np.inf
+
+
+def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, SupportFit]:
+    """Return a problem with an autoregressive residual and an empty support."""
+    rng, phi = np.random.default_rng(0), (time - 1) / (time + 1)
+    residual = rng.normal(size=count)
+    for k in range(1, count):
+        residual[k] += phi * residual[k - 1]
+    tau = residual[:, None]
+    problem = SparseProblem(TorqueDesign, rng.uniform(-1, 1, (count, 1)), tau,
+                            np.zeros(count, dtype=int), np.arange(count) * 5 // count,
+                            np.ones(3, dtype=bool))
+    return problem, SupportFit(Refit.empty(), tau, tau.std(axis=0), 1)
+
+
+@pytest.mark.parametrize('errors, selected', [
+    ([[5, 2, 3], [5, 2, 3], [5, 2, 3], [5, 2, 3.1], [5, 2, 3]], 3.0),      # the lowest
+    ([[5, 2, 2], [5, 2, 2], [5, 2, 2], [5, 2, 2], [5, 2, 2]], 10.0),       # equal, and larger
+    # The error of 10 is larger by 0.2 with a standard error of 0.37: not significant.
+    ([[5, 2, 3], [5, 2, 1], [5, 2, 3], [5, 2, 2], [5, 2, 2]], 10.0)])
+def test_the_largest_within_a_standard_error_of_the_best(monkeypatch, errors, selected):
+    remaining = [np.array(row, dtype=float) for row in errors]
+    monkeypatch.setattr(sparse_fit, '_held_out', lambda *args: remaining.pop(0))
+    assert sparse_fit.choose_inflation(*correlated(9.0)) == selected
 
 
 @pytest.mark.parametrize('share', [0.24, 0.26, 0.4])

@@ -2,23 +2,14 @@
 
 from bench.shared.dense import DenseDesign
 from gravity_comp_ros.models.least_squares import lstsq, svd
-from gravity_comp_ros.models.sparse import support
-from gravity_comp_ros.models.sparse.lasso import LassoProblem
+from gravity_comp_ros.models.sparse import dictionary, support
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
-from gravity_comp_ros.models.sparse.support import select_support
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 
 LN = np.log
-
-
-def select(design, b, *starts, usable=None):
-    """Return the support that a search reaches if all features are in the working set."""
-    size = design.n_columns
-    usable = np.ones(size, dtype=bool) if usable is None else usable
-    return select_support(LassoProblem(design, b, usable), round(np.log(size) / np.log(3)),
-                          *starts, np.arange(size))
+ALL_OF_ONE = np.ones(3, dtype=bool)
 
 
 def orthonormal(coefficients, rows: int = 20):
@@ -32,9 +23,10 @@ def test_prices_and_score_by_hand():
     assert price[0] == pytest.approx(LN(100) + 4 * LN(1.5))                 # 1
     assert price[1] == pytest.approx(LN(100) + 2 * LN(1.5) + 2 * LN(6))     # s2
     assert price[8] == pytest.approx(LN(100) + 4 * LN(6))                   # c1 c2
-    selected = select(*orthonormal([1.0, 4.0, 1.0]))
-    assert selected.indices.tolist() == [1]
-    assert selected.score == pytest.approx(2.0 + LN(20) + 2 * LN(6))
+    design, b = orthonormal([1.0, 4.0, 3.0])
+    kept = support.refit(design, b, np.array([1]))
+    assert kept.chi2 == pytest.approx(10.0)
+    assert support.score(kept, 1, 20) == pytest.approx(10.0 + LN(20) + 2 * LN(6))
 
 
 @pytest.mark.parametrize('feature, factor', [(0, 1.5), (1, 6.0)])
@@ -44,26 +36,29 @@ def test_a_feature_is_kept_if_and_only_if_worth_its_price(feature, factor, margi
     x = np.zeros(3)
     x[feature] = np.sqrt(LN(20) + 2 * LN(factor) + margin)
     others = np.array([10.0, 10.0, 10.0]) * (np.arange(3) != feature)
-    selected = select(*orthonormal(x + others), np.flatnonzero(others))
-    assert (feature in selected.indices) == kept
-    assert set(np.flatnonzero(others)) <= set(selected.indices)
+    design, b = orthonormal(x + others)
+    for start in (np.arange(3), np.flatnonzero(others)):
+        selected = support.select_support(design, b, start, 1, ALL_OF_ONE)
+        assert (feature in selected.indices) == kept
+        assert set(np.flatnonzero(others)) <= set(selected.indices)
 
 
-def score_of(design, b, n_joints, indices):
-    """Return the score of a support by its definition."""
-    a = design.columns(indices)
-    residual = b - a @ np.linalg.lstsq(a, b, rcond=1e-12)[0]
-    return residual @ residual + support.costs(n_joints, design.n_rows)[indices].sum()
+def test_neighbours_differ_in_one_factor():
+    near = support.neighbours_of(np.array([100]), 5)[0]
+    own, others = (dictionary.digits(indices, 5) for indices in (np.array([100]), near))
+    assert len(set(near.tolist())) == 10 and ((others != own).sum(axis=1) == 1).all()
 
 
-def every_single_step(indices: np.ndarray, usable: np.ndarray):
-    """Yield the supports that a drop, an addition or a swap leads to."""
+def every_single_step(indices: np.ndarray, usable: np.ndarray, n_joints: int):
+    """Yield the supports that a drop, an addition or a swap with a neighbour leads to."""
     inside = set(indices.tolist())
     outside = set(np.flatnonzero(usable).tolist()) - inside
     for k in inside:
         yield inside - {k}
-        yield from (inside - {k} | {other} for other in outside)
-    yield from (inside | {k} for k in outside)
+        for near in set(support.neighbours_of(np.array([k]), n_joints)[0].tolist()) & outside:
+            yield inside - {k} | {near}
+    for k in outside:
+        yield inside | {k}
 
 
 @st.composite
@@ -86,28 +81,33 @@ def problems(draw):
 @given(problems())
 def test_no_single_step_lowers_the_score_of_a_selected_support(problem):
     design, b, n_joints, usable, start = problem
-    selected = select(design, b, start, usable=usable)
+    before = support.refit(design, b, start[usable[start]])
+    selected = support.select_support(design, b, start, n_joints, usable)
     assert usable[selected.indices].all()
-    assert selected.score == pytest.approx(score_of(design, b, n_joints, selected.indices),
-                                           abs=1e-3)
-    for other in every_single_step(selected.indices, usable):
+    score = support.score(selected, n_joints, design.n_rows)
+    assert score <= support.score(before, n_joints, design.n_rows) + 1e-6
+    for other in every_single_step(selected.indices, usable, n_joints):
+        refit = support.refit(design, b, np.array(sorted(other), dtype=np.int64))
         # Dependent columns change the score by rounding errors only.
-        assert score_of(design, b, n_joints, np.array(sorted(other), dtype=np.int64)
-                        ) > selected.score - 1e-3
+        assert support.score(refit, n_joints, design.n_rows) > score - 1e-3
+    again = support.select_support(design, b, selected.indices, n_joints, usable)
+    np.testing.assert_array_equal(again.indices, selected.indices)
 
 
 @pytest.mark.parametrize('samples', [15, 40])
-def test_the_search_ends_despite_rounding(samples, monkeypatch):
+def test_the_search_ends_despite_rounding(samples):
     # Over 0.05 rad all features are nearly collinear, and the torque is 10^5 times its noise.
     rng = np.random.default_rng(0)
     q = 0.3 + 0.05 * rng.uniform(-1, 1, (samples, 5))
     torque = 40 * np.sin(q[:, 0]) * np.cos(q[:, 1]) + 9 * np.cos(q[:, 3])
     design = TorqueDesign(q, np.full((samples, 1), 1e4))
     b = 1e4 * (torque + 1e-4 * rng.normal(size=samples))
-    best = select(design, b, np.arange(0, 243, 20))
-    assert np.isfinite(best.x).all()
-    monkeypatch.setattr(support, '_MAX_STEPS', 100)
-    assert select(design, b, np.arange(0, 243, 20)).score == best.score
+    search = support._Search(b, 5, support.gram_of(design, np.ones(243, dtype=bool)),
+                             np.arange(0, 243, 20))
+    assert not all(search.step() for _ in range(100))
+    best = support.refit(design, b, search.support)
+    near = support.equivalents(b, best, 5, search.gram)
+    assert np.isfinite(best.x).all() and all(len(other) == len(best.indices) for other in near)
 
 
 def test_the_simplest_of_dependent_columns_is_kept():
@@ -116,7 +116,7 @@ def test_the_simplest_of_dependent_columns_is_kept():
     q = np.column_stack([rng.uniform(-2, 2, 50), np.full(50, 0.5)])
     design = TorqueDesign(q, np.full((50, 1), 10.0))
     b = 10 * (7 * np.sin(q[:, 0]) + 0.1 * rng.normal(size=50))
-    selected = select(design, b)
+    selected = support.select_support(design, b, np.arange(9), 2, np.ones(9, dtype=bool))
     np.testing.assert_array_equal(selected.indices, [3])
     assert selected.x[0] == pytest.approx(7.0, abs=0.1)
 
@@ -129,28 +129,33 @@ def test_a_true_small_support_is_selected(kind):
     x = rng.choice([-1, 1], 5) * rng.uniform(1, 20, 5)
     design = kind(q, np.full((200, 4 if kind is EnergyDesign else 1), 10.0))
     b = design.columns(truth) @ x + rng.normal(size=design.n_rows)
-    selected = select(design, b, rng.choice(81, 12, replace=False))
+    start = rng.choice(81, 12, replace=False)
+    selected = support.select_support(design, b, start, 4, np.ones(81, dtype=bool))
     np.testing.assert_array_equal(selected.indices, truth)
     columns = design.columns(truth)
     std = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
     assert (np.abs(selected.x - x) < 5 * std).all()
 
 
-@pytest.mark.parametrize('difference, near', [(7.9, [2]), (8.1, [])])
-def test_features_of_similar_score_are_equivalent(difference, near):
-    # Two nearly equal columns. With the other one, chi^2 is larger by the difference.
-    angle = 0.3
-    a = np.eye(20)[:, :3]
-    a[:, 2] = np.cos(angle) * a[:, 1] + np.sin(angle) * a[:, 2]
-    selected = select(DenseDesign(a), np.sqrt(difference) / np.sin(angle) * a[:, 1])
-    assert selected.indices.tolist() == [1] and selected.equivalent.tolist() == near
+def equivalents_of(design, b, indices):
+    best = support.refit(design, b, np.array(indices))
+    near = support.equivalents(b, best, 1, support.gram_of(design, ALL_OF_ONE))
+    return [other.tolist() for other in near]
+
+
+@pytest.mark.parametrize('difference, near', [(7.9, [[2]]), (8.1, [])])
+def test_supports_of_similar_score_are_equivalent(difference, near):
+    # With c1 instead of s1, chi^2 is larger by the difference of the squares.
+    design, b = orthonormal([0.0, np.sqrt(20.0), np.sqrt(20.0 - difference)])
+    assert equivalents_of(design, b, [1]) == near
 
 
 def test_an_empty_support_stays_empty_on_noise():
     rng = np.random.default_rng(0)
     q = rng.uniform(-2, 2, (300, 4))
     design = TorqueDesign(q, np.ones((300, 1)))
-    sizes = [select(design, rng.normal(size=300)).indices.size for _ in range(20)]
+    sizes = [support.select_support(design, rng.normal(size=300), np.arange(0, 81, 9), 4,
+                                    np.ones(81, dtype=bool)).indices.size for _ in range(20)]
     assert sum(sizes) <= 2
 
 
