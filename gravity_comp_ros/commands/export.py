@@ -104,10 +104,9 @@ def run(args: argparse.Namespace) -> terminal.Answer:
 def _at_rest(model: GravityModel, target: str) -> str:
     """Return the largest torque of an effect of a model at rest, in its trained range."""
     q = random_poses(model.n_joints, model.coverage.q_min, model.coverage.q_max)
-    still = np.zeros_like(q)
     torque = torque_of(model, static_effects(
         effect for effect in model.applied.effects if effect.target == target),
-        JointSamples.single_run(model.joints, np.arange(len(q)), q, still, still))
+        JointSamples.at_rest(model.joints, q))
     held = ', '.join(f'{size:.3g} N·m of {joint}' for joint, size in zip(
         model.joints, np.abs(torque).max(axis=0)) if size > 0.0)
     return f'. It holds up to {held} at rest, which the output lacks' if held else ''

@@ -101,10 +101,8 @@ def _static_deviations(model: GravityModel, q: FloatArray,
     deviations = model.deviations(q)
     motion = motion_of(model, JointSamples.at_rest(model.joints, q))
     for applied in effects:
-        effect, errors = EffectInUse.of(model, applied, motion), model.coefficient_errors(applied)
-        for unit, error in zip(np.eye(len(errors)), errors):
-            torque = replace(effect, factors=unit).torque(motion)
-            deviations[..., effect.joints] += np.multiply.outer(error, torque)
+        columns = EffectInUse.of(model, applied, motion).columns(motion)
+        deviations += np.tensordot(model.coefficient_errors(applied).T, columns, 1)
     return deviations
 
 
@@ -139,13 +137,14 @@ class EffectInUse:
     """
     An effect of a model with that of the library or a plug-in.
 
-    `joint` is the number for its methods, 0 for the whole arm; `factors` (K,) are the coefficients
-    in the order of its columns.
+    `joint` is the number for its methods, 0 for the whole arm; `symbols` and `factors` (K,) are
+    the coefficients in the order of its columns.
     """
 
     effect: Effect
     applied: AppliedEffect
     joint: int
+    symbols: tuple[str, ...]
     factors: FloatArray
 
     @classmethod
@@ -163,18 +162,25 @@ class EffectInUse:
                                      f'not installed here{why}: install the package that '
                                      f'provides it, or remove it (`gravity_comp add --undo`)')
         joint = 0 if applied.joint is None else model.joints.index(applied.joint)
-        symbols = [c.symbol for c in effect.coefficients_of(motion, joint, applied.setting)]
+        symbols = tuple(c.symbol for c in effect.coefficients_of(motion, joint, applied.setting))
         if set(symbols) != set(applied.coefficients):
             raise ModelMismatchError(
                 f'the model has {applied.target} with the coefficients '
                 f'{", ".join(applied.coefficients)}, but the installed version has '
                 f'{", ".join(symbols)}. Remove the effect and add it again')
-        return cls(effect, applied, joint,
+        return cls(effect, applied, joint, symbols,
                    np.array([applied.coefficients[symbol].value for symbol in symbols]))
 
     def torque(self, motion: Motion) -> FloatArray:
         """Return the torque in N·m, (M, N) of all joints or (M,) of one (`Effect.torque`)."""
         return self.effect.torque(motion, self.joint, self.applied.setting, self.factors)
+
+    def columns(self, motion: Motion) -> FloatArray:
+        """Return the torque (K, M, N) in N·m of all joints by each coefficient of 1 alone."""
+        result = np.zeros((len(self.factors), *motion.samples.q.shape))
+        for unit, torque in zip(np.eye(len(self.factors)), result):
+            replace(self, factors=unit).add_to(torque, motion)
+        return result
 
     @property
     def joints(self) -> slice | int:

@@ -138,7 +138,7 @@ def _without_motion(model: GravityModel, samples: JointSamples, new: NewSamples,
 
     :param with_dynamics: whether the torque is without that of the arm before the change.
     """
-    assert model.chain is not None and model.covariance_given_effects is not None
+    assert model.chain is not None and model.covariance is not None
     loaded = estimate_payload(model.chain, model.covariance_given_effects, new, geometry)
     nominal = nominal_parameters(geometry, loaded.chain.moments / STANDARD_GRAVITY)
     if with_dynamics:

@@ -86,7 +86,7 @@ def changed_model(model: GravityModel, new: NewSamples, geometry: Geometry | Non
 def _payload_step(model: GravityModel, new: NewSamples, geometry: Geometry,
                   free: UpdateStep) -> UpdateStep:
     """Return the change by a payload, or the free one if that fits much better."""
-    assert model.chain is not None and model.covariance_given_effects is not None
+    assert model.chain is not None and model.covariance is not None
     assert free.model.chain is not None
     loaded = estimate_payload(model.chain, model.covariance_given_effects, new, geometry)
     misfit, free_misfit = (float((each := new.residual(chain)) @ each)
@@ -105,7 +105,7 @@ def _moment_names(model: GravityModel) -> list[str]:
 
 def _chain_step(model: GravityModel, new: NewSamples,
                 trials: tuple[Trial, ...]) -> UpdateStep:
-    assert model.chain is not None and model.covariance_given_effects is not None
+    assert model.chain is not None and model.covariance is not None
     box = np.stack([model.coverage.q_min, model.coverage.q_max])
     path = None if model.payload_path is None else path_moments(
         model.payload_path, model.chain, box)

@@ -22,16 +22,16 @@ from another static torque, such as a spring, the masses of the description deci
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from gravity_comp_ros.data.constants import HALF_95
 from gravity_comp_ros.data.option_checks import check_positive
 from gravity_comp_ros.data.poses import random_poses
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.predict import static_effects, torque_of
+from gravity_comp_ros.effects.predict import EffectInUse, motion_of, static_effects
 from gravity_comp_ros.errors import FitError, ModelMismatchError
 from gravity_comp_ros.export.xml_edit import Element, number, XmlEdit
-from gravity_comp_ros.models.applied_effects import AppliedEffect, Value
+from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import shown_names
 import numpy as np
@@ -260,14 +260,12 @@ def _deviations(model: GravityModel, q: FloatArray) -> FloatArray:
 
     The motion determines the sum of gravity and static effects: errors of these are errors of it.
     """
-    samples = JointSamples.at_rest(model.joints, q)
+    motion = motion_of(model, JointSamples.at_rest(model.joints, q))
     parts = [np.zeros((0, *q.shape)) if model.covariance is None else model.deviations(q)]
-    for effect in static_effects(model.applied.effects):
-        for symbol in effect.coefficients:
-            error = replace(effect, coefficients={
-                name: Value.around(x.half / HALF_95 * (name == symbol), x.unit, 0.0)
-                for name, x in effect.coefficients.items()})
-            parts.append(torque_of(model, [error], samples)[None])
+    for applied in static_effects(model.applied.effects):
+        effect = EffectInUse.of(model, applied, motion)
+        std = np.array([applied.coefficients[name].half / HALF_95 for name in effect.symbols])
+        parts.append(std[:, None, None] * effect.columns(motion))
     return np.concatenate(parts)
 
 

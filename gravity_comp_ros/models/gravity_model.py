@@ -193,10 +193,9 @@ class GravityModel:
         return [every[target] for target in self.static if target in every]
 
     @property
-    def covariance_given_effects(self) -> FloatArray | None:
+    def covariance_given_effects(self) -> FloatArray:
         """Return the covariance (P, P) of gravity's parameters if the effects are exact."""
-        if self.covariance is None:
-            return None
+        assert self.covariance is not None
         p = self._n_parameters
         return self.covariance[:p, :p] - self._by_effects @ self.covariance[p:, :p]
 

@@ -156,14 +156,14 @@ def thinned(samples: Sequence[SlowSample], count: int) -> list[SlowSample]:
     differ by friction; held-out samples have their own. Its edge doubles until the samples fit: an
     arm that repeats a motion replaces the samples of this motion, and earlier ones stay.
     """
-    place = np.array([np.concatenate((each.reading.q, NODE.cell_time * each.reading.qd))
-                      for each in samples])
+    place = np.hstack((np.array([each.reading.q for each in samples]),
+                       NODE.cell_time * np.array([each.reading.qd for each in samples])))
     held_out, edge = np.array([[each.is_held_out] for each in samples]), NODE.min_motion
-    newest = dict[bytes, int]()
+    newest, row = dict[object, int](), np.dtype((np.void, 8 * (place.shape[1] + 1)))
     while not newest or len(newest) > count:
         # Small values of both signs share a cell at every size: 0 is a third from its border.
         cells = np.hstack((held_out, np.floor(place / edge + 1.0 / 3.0))).astype(np.int64)
-        newest, edge = {cell.tobytes(): k for k, cell in enumerate(cells)}, 2.0 * edge
+        newest, edge = dict(zip(cells.view(row).ravel().tolist(), range(len(cells)))), 2.0 * edge
     return [samples[k] for k in sorted(newest.values())]
 
 

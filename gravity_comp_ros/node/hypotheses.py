@@ -102,8 +102,8 @@ class Window:
         chain, samples = self.chain, self.samples
         assert chain.chain is not None
         n = chain.n_joints
-        covariance = chain.covariance_given_effects
-        covariance = np.zeros((4 * n, 4 * n)) if covariance is None else covariance
+        covariance = (np.zeros((4 * n, 4 * n)) if chain.covariance is None
+                      else chain.covariance_given_effects)
         trials = [Trial(chain.chain, covariance)]
         if self.geometry is None:
             trials += changed_model(chain, NewSamples(

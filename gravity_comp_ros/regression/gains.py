@@ -187,13 +187,9 @@ def _law_inflation(posterior: Posterior, term: Term) -> float:
     design, j = posterior.design, term.joint_number
     if not term.holds_a_joint:
         return 1.0
-    squares = 0.0
-    for other in posterior.terms:
-        if (other.joint == term.joint and other.holds_a_joint
-                and other not in posterior.absent):
-            here = design.selected(j, (other,))[design.n_shared:]
-            beta = posterior.beta[posterior.at[other]]
-            squares += float(beta @ design.gram[j][np.ix_(here, here)] @ beta)
+    squares = sum(float(posterior.squares_of(other)[j]) for other in posterior.terms
+                  if other.joint == term.joint and other.holds_a_joint
+                  and other not in posterior.absent)
     return 1.0 + design.law_error ** 2 * float(posterior.precision[j]) * squares
 
 

@@ -79,6 +79,14 @@ class Posterior:
         parts = [self.residual(j) for j in range(self.design.n_joints)]
         return np.asarray(np.stack(parts, axis=1) / np.maximum(self.design.root.T, 1e-9))
 
+    def squares_of(self, term: Term) -> FloatArray:
+        """Return the sum of squares of the weighted torque of a term, by joint, (N,)."""
+        result, beta = np.zeros(self.design.n_joints), self.beta[self.at[term]]
+        for j in term.joints(self.design.n_joints):
+            here = self.design.selected(j, (term,))[self.design.n_shared:]
+            result[j] = beta @ self.design.gram[j][np.ix_(here, here)] @ beta
+        return result
+
     @cached_property
     def squares(self) -> FloatArray:
         """Return the sum of squared residuals of each joint, (N,) in (N·m)^2."""

@@ -53,16 +53,16 @@ def uncertainty_of(search: Search, posterior: Posterior,
     """
     omitted = covariance_of_omitted(search)[np.ix_(*2 * [_order(search.posterior, posterior)])]
     certain = posterior.covariance + omitted
+    shapes = law_covariances(posterior)
+    laws = {term: np.tensordot(posterior.squares_of(term), shapes, 1) for term in posterior.terms}
     stds, size_stds = {}, {}
     for term, at in posterior.at.items():
-        own = (certain + by_laws(posterior, [term]))[np.ix_(at, at)]
-        beta = posterior.beta[at]
+        own, beta = (certain + laws[term])[np.ix_(at, at)], posterior.beta[at]
         stds[term.key] = np.sqrt(np.diag(own))
         size_stds[term.key] = float(beta @ np.linalg.solve(own, beta)) ** -0.5
     steps = _steps_to_others(search, posterior, others)
-    moving = [term for term in posterior.terms if not term.effect.is_static]
-    return Uncertainty(certain + by_laws(posterior, moving) + steps.T @ steps, stds,
-                       size_stds)
+    moving = sum(law for term, law in laws.items() if not term.effect.is_static)
+    return Uncertainty(certain + moving + steps.T @ steps, stds, size_stds)
 
 
 def _order(of: Posterior, posterior: Posterior) -> IntArray:
@@ -72,21 +72,19 @@ def _order(of: Posterior, posterior: Posterior) -> IntArray:
                            *(at[term.key] for term in posterior.terms)])
 
 
-def by_laws(posterior: Posterior, terms: Sequence[Term]) -> FloatArray:
-    """Return the covariance (K, K) of all coefficients by the errors of the laws of some terms."""
-    design, total = posterior.design, np.zeros_like(posterior.covariance)
+def law_covariances(posterior: Posterior) -> FloatArray:
+    """
+    Return the covariances (N, K, K) of all coefficients by the errors of laws, by joint.
+
+    They are those of a law whose weighted torque on that joint has a sum of squares of 1.
+    """
+    design, covariance = posterior.design, posterior.covariance
+    result = np.zeros((design.n_joints, *covariance.shape))
     for j in range(design.n_joints):
-        squares = 0.0
-        for term in terms:
-            if j in term.joints(design.n_joints):
-                here, beta = design.selected(j, (term,))[design.n_shared:], posterior.beta[
-                    posterior.at[term]]
-                squares += float(beta @ design.gram[j][np.ix_(here, here)] @ beta)
-        columns, places = posterior.columns(j), posterior.places(j)
-        total[np.ix_(places, places)] += (
-            posterior.precision[j] ** 2 * design.law_error ** 2 * squares
-            * design.gram[j][np.ix_(columns, columns)])
-    return np.asarray(posterior.covariance @ total @ posterior.covariance)
+        columns, side = posterior.columns(j), covariance[:, posterior.places(j)]
+        result[j] = ((posterior.precision[j] * design.law_error) ** 2
+                     * side @ design.gram[j][np.ix_(columns, columns)] @ side.T)
+    return result
 
 
 def _steps_to_others(search: Search, posterior: Posterior,

@@ -11,7 +11,7 @@ from gravity_comp_ros.regression.gains import (
     gain_of, inflation, log_share_allowed, Ranking, Score, score_of, shares_left)
 from gravity_comp_ros.regression.posterior import leave_out, solve
 from gravity_comp_ros.regression.term import is_consistent, uncorrected, with_children_of
-from gravity_comp_ros.regression.uncertainty import by_laws
+from gravity_comp_ros.regression.uncertainty import law_covariances
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -247,7 +247,8 @@ def test_the_error_of_a_law_changes_the_coefficients_as_draws_of_it_do():
     score = np.zeros((len(draws), len(posterior.beta)))
     score[:, posterior.places(1)] = PRECISION[1] * error @ design.x[1][posterior.columns(1)].T
     std = (score @ posterior.covariance).std(axis=0)
-    expected = np.sqrt(np.diag(by_laws(posterior, [rubbing])))
+    expected = np.sqrt(np.diag(np.tensordot(
+        posterior.squares_of(rubbing), law_covariances(posterior), 1)))
     np.testing.assert_allclose(std, expected, rtol=0.1, atol=1e-9 * expected.max())
 
 
