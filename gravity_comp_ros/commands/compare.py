@@ -150,10 +150,9 @@ def _failures(comparison: Comparison) -> list[str]:
         lines.append(f'{100 * outside:.1f} % of the samples are outside the trained poses')
     lines += [f'  {name} {region.words}' for name, errors in comparison.joints.items()
               for region in errors.where[:_MAX_REGIONS]]
-    shares = [f'{percent(share)} {where}' for where, share in (
-        ('in the trained range', comparison.in_band),
-        ('outside of it', comparison.in_band_outside)) if share is not None]
-    return [*lines, *([f'residuals inside the 95 % prediction band: {" and ".join(shares)}']
+    shares = [f'{percent(share)} of the residuals {where} the trained range' for where, share in (
+        ('in', comparison.in_band), ('outside', comparison.in_band_outside)) if share is not None]
+    return [*lines, *([f'inside the 95 % prediction band: {" and ".join(shares)}']
                       if shares else [])]
 
 
